@@ -16,7 +16,8 @@ from meshtrace.models import Model
 from meshtrace.quadrature import gauss_legendre
 
 from .parameters import Floats, Positive, Range, named_or_given
-from .spectra import Jonswap, Spectrum, Spreading, sea_state
+from .spectra import Jonswap, Spectrum, sea_state
+from .spreadings import Spreading
 
 PER_OCTAVE = 16
 """Bins of an octave, where no width is given."""
@@ -197,7 +198,7 @@ _read_name = partial(named_or_given, Band, get_args(BandName), "waves")
 
 
 def _read(value: Any, more: str = "") -> Any:
-    """Return a band or its name; `more` names further allowed values."""
+    """Validate a band or its name; `more` names further allowed values."""
     return value if value is None else _read_name(value, more=more)
 
 

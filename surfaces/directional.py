@@ -14,8 +14,9 @@ from meshtrace.errors import DomainWarning, Refused
 
 from .parameters import Floats, Mss
 from .seas import MeasuredSea
-from .spectra import Elfouhaily, ElfouhailySpreading, sea_state
+from .spectra import Elfouhaily, sea_state
 from .spectra_files import read_spectrum
+from .spreadings import ElfouhailySpreading
 from .statistics import components_slope_variance, cox_munk
 
 if TYPE_CHECKING:

@@ -287,7 +287,7 @@ def series_of(cumulants: Cumulants, slope_variance: Variances) -> Series:
         reason = Described("random slopes without variance along or across the wind")
         raise Refused("slope_law", reason, "gaussian, or a mesh that leaves out more slopes")
     terms = zip(_COEFFICIENTS, cumulants, _scales(slope_variance), strict=True)
-    return GramCharlier(**{name: value / scale for name, value, scale in terms}).series
+    return GramCharlier.model_validate({name: value / scale for name, value, scale in terms}).series
 
 
 def _scales(slope_variance: Variances) -> tuple[float, ...]:

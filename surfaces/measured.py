@@ -22,17 +22,13 @@ from meshtrace.errors import (
     require_between,
     require_whole,
 )
-from meshtrace.tables import (
-    Column,
-    Heading,
-    headings_of,
-)
+from meshtrace.tables import Column, Heading, headings_of
 from meshtrace.units import convert, is_convertible, is_same
 
 from .directional import from_wavespectra
 from .parameters import DEPTH, Floats, Mss
 from .seas import MeasuredSea
-from .spectra import Spreading
+from .spreadings import Spreading
 from .waves import wavenumber
 
 if TYPE_CHECKING:
@@ -348,7 +344,7 @@ def _step(name: str, time: Floats) -> float:
 def _band(
     record: _Record, freq: Floats, spectrum: Floats, f_min: float | None, f_max: float | None
 ) -> Any:
-    """Return which frequencies are kept."""
+    """Return the mask of frequencies within the band of the sea."""
     nyquist = 0.5 / record.step
     low = require_between(2.0 * freq[1] if f_min is None else f_min, 0.0, nyquist, "f_min")
     above = np.flatnonzero(freq >= low * (1.0 - 1e-9))

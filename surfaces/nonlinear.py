@@ -31,7 +31,7 @@ _RARE = 6.0  # standard deviations that no displacement exceeds
 
 
 class Sheet(NamedTuple):
-    """The sheet at some labels: positions and their derivatives.
+    """Sheet of a choppy sea at given labels: positions and their derivatives.
 
     Parameters
     ----------

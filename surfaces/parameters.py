@@ -64,7 +64,7 @@ Variances = tuple[float, float]
 def named_or_given(
     kind: type[Model], names: tuple[str, ...], field: str, value: Any, *, more: str = ""
 ) -> Any:
-    """Return a name, a model or that of plain data; `more` names further allowed values."""
+    """Validate a name, a model or plain data; `more` names further allowed values."""
     if isinstance(value, kind) or (isinstance(value, str) and value in names):
         return value
     if isinstance(value, Mapping):

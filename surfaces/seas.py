@@ -34,17 +34,8 @@ from .parameters import (
     WindSpeed,
 )
 from .sequence import MeshSequence
-from .spectra import (
-    ALPHA_COEFFICIENT,
-    Elfouhaily,
-    ElfouhailySpreading,
-    IttcSpreading,
-    Jonswap,
-    PiersonMoskowitz,
-    Spectrum,
-    Spreading,
-    Tma,
-)
+from .spectra import ALPHA_COEFFICIENT, Elfouhaily, Jonswap, PiersonMoskowitz, Spectrum, Tma
+from .spreadings import ElfouhailySpreading, IttcSpreading, Spreading
 from .statistics import (
     SlopeSpectrum,
     meshed_slope_variance,
@@ -292,8 +283,8 @@ class _BandedSea(RandomSea, frozen=True):
         """
         if not isinstance(self.spectrum, Jonswap | PiersonMoskowitz):
             return self
-        fields = {name: getattr(self, name) for name in _KEPT}
-        return resolved_sea(*self._wind).model_copy(update={"depth": self._water_depth(), **fields})
+        fields = {name: getattr(self, name) for name in _KEPT} | {"depth": self._water_depth()}
+        return resolved_sea(*self._wind).model_copy(update=fields)
 
     @property
     def for_fading(self) -> _BandedSea | None:
@@ -317,7 +308,7 @@ class _BandedSea(RandomSea, frozen=True):
         of_wind = self.spectrum.model_dump(include={"wind_speed", "fetch"})
         law = type(self.spectrum)
         # heights, peaks, depths and spreadings that were chosen say more than the wind does
-        if law is Tma or not standard or self.spectrum != law(**of_wind):
+        if law is Tma or not standard or self.spectrum != law.model_validate(of_wind):
             return None
         return self.short_waves
 
@@ -427,7 +418,7 @@ class JonswapSea(_BandedSea, frozen=True):
     def spectrum(self) -> Jonswap:
         """The JONSWAP spectrum of this sea."""
         shared = Jonswap.model_fields.keys() & JonswapSea.model_fields.keys() - {"kind"}
-        return Jonswap(**self.model_dump(include=shared))
+        return Jonswap.model_validate(self.model_dump(include=shared))
 
 
 class SpectralSea(_BandedSea, frozen=True):

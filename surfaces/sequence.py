@@ -406,8 +406,10 @@ class MeshSequence(Model, frozen=True):
         times: ArrayLike | None = None,
         **options: Any,
     ) -> None:
-        arguments = {"source": _plain(source), "times": _plain(times)}
-        super().__init__(**{k: v for k, v in arguments.items() if v is not None}, **options)
+        for name, value in (("source", _plain(source)), ("times", _plain(times))):
+            if value is not None:  # a field that is not given stays unset in `to_config`
+                options[name] = value
+        super().__init__(**options)
 
     def model_post_init(self, context: Any) -> None:
         """List the frames and their times."""
@@ -517,7 +519,7 @@ class MeshSequence(Model, frozen=True):
         config = self.model_dump(mode="json", exclude_unset=True)
         source = self.source
         whole = abspath(source) if isinstance(source, str) else list(map(abspath, source))
-        return {"kind": self.kind, **config, "source": whole}
+        return {"kind": self.kind} | config | {"source": whole}
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, MeshSequence) and self.to_config() == other.to_config()

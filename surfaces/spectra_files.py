@@ -21,21 +21,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from meshtrace.cells import cells_of
-from meshtrace.errors import (
-    Described,
-    Refused,
-    did_you_mean,
-    extra,
-    refusing,
-    warn_of_input,
-)
-from meshtrace.netcdf import (
-    check_file,
-    check_zarr,
-    convention_of,
-    opened,
-    require_size,
-)
+from meshtrace.errors import Described, Refused, did_you_mean, extra, refusing, warn_of_input
+from meshtrace.netcdf import check_file, check_zarr, convention_of, opened, require_size
 from meshtrace.tables import Column, heading_of, headings_in, tells
 from meshtrace.units import convert, is_same, unit_of
 

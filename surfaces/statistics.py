@@ -18,7 +18,8 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.quadrature import gauss_legendre
 
 from .parameters import WIND_SPEED, Floats, Mss, Range, Variances
-from .spectra import Elfouhaily, Spectrum, Spreading, elfouhaily_delta, sea_state
+from .spectra import Elfouhaily, Spectrum, elfouhaily_delta, sea_state
+from .spreadings import Spreading
 from .waves import GRAVITY, WaveComponents, angular_frequency, wavenumber
 
 SHORTEST = 5000.0

@@ -227,7 +227,7 @@ class _Plane(Surface, frozen=True):
 
     @property
     def gradient(self) -> tuple[float, float]:
-        """Slopes (dz/dx, dz/dy) of the plane, level unless it has some."""
+        """Slopes (dz/dx, dz/dy) of the plane; 0 by default."""
         return 0.0, 0.0
 
     def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> Floats:

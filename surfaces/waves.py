@@ -467,11 +467,12 @@ class WaveGrid:
     def _plan(self, transforms: int, sources: int) -> Any:
         import finufft
 
+        numbers = tuple(lines.number for lines in self._lines)
         # one thread, so that the digits do not depend on their number
-        options = {"n_trans": transforms, "eps": self._error, "isign": -1, "nthreads": 1}
         plan = finufft.Plan(
-            1, tuple(lines.number for lines in self._lines), upsampfac=_UPSAMPLING, **options
-        )
+            1, numbers, n_trans=transforms, eps=self._error, isign=-1, nthreads=1,
+            upsampfac=_UPSAMPLING,
+        )  # fmt: skip
         turns = (k * lines.step for k, lines in zip(self._waves, self._lines, strict=True))
         plan.setpts(*(k if sources == len(k) else np.concatenate([k, -k]) for k in turns))
         return plan

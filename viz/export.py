@@ -328,8 +328,9 @@ def _exported(plotter: pv.Plotter) -> str:
     for bar in bars:
         bar.SetVisibility(False)
     letters = _letters(plotter) if isinstance(plotter, ScenePlotter) else None
-    plain: Any = {"scalars": "tint", "rgb": True, "lighting": False, "render": False}
-    actor = letters and plotter.add_mesh(letters, **plain)
+    actor = letters and plotter.add_mesh(
+        letters, scalars="tint", rgb=True, lighting=False, render=False
+    )
     page = io.StringIO()
     write_html(_packed(plotter.render_window), page)
     for bar in bars:
@@ -355,7 +356,7 @@ def _packed(window: Any) -> bytes:
         "camera": serializers.reference_id(camera),
     }
     arrays = {
-        entry["hash"]: {**entry, "content": context.get_cached_data_array(entry["hash"], False)}
+        entry["hash"]: entry | {"content": context.get_cached_data_array(entry["hash"], False)}
         for entry in serializers.extract_array_hash(state)
     }
     packed = io.BytesIO()

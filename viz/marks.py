@@ -92,8 +92,10 @@ def finished(ax: Axes, x: str = "", y: str = "", *, legend: bool = True, **setti
         old = ax.get_legend()
         # a legend that is drawn anew has lost its title
         title = old.get_title().get_text() if old else None
-        beside: Any = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
-        ax.legend(title=title, **(beside if named > _BESIDE else {}))
+        if named > _BESIDE:
+            ax.legend(title=title, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        else:
+            ax.legend(title=title)
     return ax
 
 
@@ -110,8 +112,9 @@ def wrapped(label: str) -> str:
 def note(ax: Axes, text: str) -> None:
     """Write a short explanation above the right end of axes, once."""
     if text not in (text_drawn.get_text() for text_drawn in ax.texts):
-        place: Any = {"xycoords": "axes fraction", "ha": "right", "va": "bottom"}
-        ax.annotate(text, (1.0, 1.01), fontsize=8, **place)
+        ax.annotate(
+            text, (1.0, 1.01), xycoords="axes fraction", ha="right", va="bottom", fontsize=8
+        )
 
 
 # ---- data ------------------------------------------------------------------------------------
@@ -199,9 +202,11 @@ def lines(
         ax.set_prop_cycle(color=colormaps["viridis"](np.linspace(0.0, 0.95, len(drawn))))
     styled = zip(drawn, itertools.cycle(styles), itertools.cycle(colors or (None,)), strict=False)
     for i, ((name, values, low, high), style, color) in enumerate(styled):
-        options: Any = {"markersize": 4, "label": None if i % every else name or None, **look}
+        options: Any = {"markersize": 4, "label": None if i % every else name or None} | look
+        if color:  # a colour of None would end the cycle of colours
+            options["color"] = color
         try:
-            (line,) = ax.plot(x, values, style, **options, **({"color": color} if color else {}))
+            (line,) = ax.plot(x, values, style, **options)
         except ValueError as error:
             raise Refused("style", style, "a line and a marker as in o--") from error
         if low is not None and high is not None:
@@ -251,10 +256,10 @@ def bars(
         (known,) = np.isfinite(values).nonzero()
         (ax.barh if across else ax.bar)(known + shift, values[known], room, label=name)
         if high is not None:
-            places, spans = (known + shift, values[known]), (high - values)[known]
-            where = places[::-1] if across else places
-            errors = {"xerr" if across else "yerr": spans}
-            ax.errorbar(*where, **errors, fmt="none", ecolor=INK, elinewidth=1.0, capsize=3)
+            spans = (high - values)[known]
+            where = (values[known], known + shift) if across else (known + shift, values[known])
+            x_spans, y_spans = (spans, None) if across else (None, spans)
+            ax.errorbar(*where, y_spans, x_spans, fmt="none", ecolor=INK, elinewidth=1.0, capsize=3)
     axis, words = ax.yaxis if across else ax.xaxis, data[names].to_numpy()
     counts = words.dtype.kind in "iu"
     if not counts:
@@ -292,5 +297,5 @@ def density(ax: Axes, edges: Any, values: Any, stderr: Any, least: float, label:
     """Draw a histogram as an outline, with a band of two standard errors above a least value."""
     steps = ax.stairs(values, edges, lw=1.5, label=label)
     low, high = (np.maximum(values + s * stderr, least) for s in (-2.0, 2.0))
-    shade: Any = {"color": steps.get_edgecolor(), "alpha": 0.25, "lw": 0}
-    ax.stairs(high, edges, baseline=low, fill=True, **shade)
+    color = steps.get_edgecolor()
+    ax.stairs(high, edges, baseline=low, fill=True, color=color, alpha=0.25, lw=0)

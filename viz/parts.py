@@ -101,40 +101,41 @@ def add_surface(
             clim = (0.0 if color == "slope" else -color_limit, color_limit)
         bar = scene.bar(SURFACE_COLORS[color])
         look = {"scalars": color, "clim": clim, "cmap": water_map(), "scalar_bar_args": bar}
-    lines = {"show_edges": edges, "edge_color": EDGE_COLOR, "edge_opacity": 0.25, "line_width": 1.2}
-    shine = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.2, "specular_power": 30.0}
-    look |= lines | shine
-    scene.add_mesh(data, smooth_shading=True, opacity=opacity, name="surface", **look)
+    scene.add_mesh(
+        data, name="surface", opacity=opacity, smooth_shading=True,
+        show_edges=edges, edge_color=EDGE_COLOR, edge_opacity=0.25, line_width=1.2,
+        ambient=0.3, diffuse=0.75, specular=0.2, specular_power=30.0, **look,
+    )  # fmt: skip
     return scene
 
 
 def _add_water(
-    scene: ScenePlotter,
-    data: pv.PolyData,
-    shaded: ShadedSea,
-    opacity: float,
-    edges: bool,
-    light: str,
-) -> None:
+    scene: ScenePlotter, data: pv.PolyData, shaded: ShadedSea, opacity: float, edges: bool,
+    light_color: str,
+) -> None:  # fmt: skip
     """Draw a surface in the colours seen by the camera, renewed by `look`."""
-    # the colours are those of light already: no lamp of the scene may shade them
-    plain: Any = {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "lighting": False}
-    if shaded.grid is not None:
+    if textured := shaded.grid is not None:
         u, v = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in shaded.grid), indexing="ij")
         data.active_texture_coordinates = np.column_stack([u.ravel(), v.ravel()])
     else:
         data.point_data["tint"] = np.zeros((data.n_points, 3), np.uint8)
-        plain |= {"scalars": "tint", "rgb": True}
     data = _within(data, scene.stage.bounds)
-    actor = scene.add_mesh(data, color=light, opacity=opacity, name="surface", **plain)
+    # the colours are those of light already: no lamp of the scene may shade them
+    actor = scene.add_mesh(
+        data, name="surface", color=light_color, opacity=opacity, lighting=False,
+        ambient=1.0, diffuse=0.0, specular=0.0,
+        scalars=None if textured else "tint", rgb=not textured,
+    )  # fmt: skip
     if edges:  # VTK draws no edges of textured facets
-        wires: Any = {"color": EDGE_COLOR, "opacity": 0.25, "line_width": 1.2, "lighting": False}
-        scene.add_mesh(data, style="wireframe", name="edges", **wires)
+        scene.add_mesh(
+            data, name="edges", style="wireframe", color=EDGE_COLOR, opacity=0.25, line_width=1.2,
+            lighting=False,
+        )  # fmt: skip
 
     def shade() -> None:
         colors = shaded.colors(tuple(scene.camera.position))
-        if shaded.grid is None:
-            data.point_data["tint"] = np.rint(colors * to_rgb(light)).astype(np.uint8)
+        if not textured:
+            data.point_data["tint"] = np.rint(colors * to_rgb(light_color)).astype(np.uint8)
             return
         # an image begins with its top line, where the second coordinate is 1
         texture = pv.Texture(np.ascontiguousarray(colors.transpose(1, 0, 2)[::-1]))
@@ -146,7 +147,7 @@ def _add_water(
 
 
 def _within(data: pv.PolyData, bounds: Any) -> pv.PolyData:
-    """Return a surface cut at the sides of the stage: the mesh of a choppy sea is larger."""
+    """Cut a surface at the sides of the stage, which a choppy sea exceeds."""
     for i, normal in enumerate([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]):
         low, high = bounds[2 * i : 2 * i + 2]
         if data.bounds[2 * i] < low:
@@ -201,10 +202,8 @@ def add_bubbles(
     dark = 1.0 - np.exp(-3.0 * np.clip(block.points[:, 2:] / bottom, 0.0, 1.0))
     shallow, deep = (np.array(to_rgb(c)) for c in DEEP_COLORS)
     # facets that face the camera are the near sides
-    side: Any = (
-        {"name": "near water", "culling": "back"} if near else {"name": "water", "culling": "front"}
-    )
-    scene.add_tinted(block, shallow + dark * (deep - shallow), 0.302 if near else 0.97, **side)
+    name, culling, alpha = ("near water", "back", 0.302) if near else ("water", "front", 0.97)
+    scene.add_tinted(block, shallow + dark * (deep - shallow), alpha, name=name, culling=culling)
     if bubbles is not None and not near:
         _add_points(scene, mesh, bubbles)
     return scene
@@ -225,11 +224,13 @@ def _add_points(scene: ScenePlotter, mesh: TriangleMesh, bubbles: BubblePopulati
     points = np.column_stack([x, y, z])[inside]
     pixel = scene.window_size[0] / 1600.0
     for i, (size, alpha) in enumerate(((2.0, 0.3), (3.0, 0.5), (5.0, 0.7))):
-        look: Any = {"render_points_as_spheres": True, "opacity": alpha, "lighting": False}
         # the largest are a quarter as many
         subset = points[i::3] if i < 2 else points[2::12]
         if len(subset):
-            scene.add_mesh(pv.PolyData(subset), color=BUBBLE_COLOR, point_size=size * pixel, **look)
+            scene.add_mesh(
+                pv.PolyData(subset), color=BUBBLE_COLOR, opacity=alpha, point_size=size * pixel,
+                render_points_as_spheres=True, lighting=False,
+            )  # fmt: skip
     scene.key[f"bubbles, {float(bubbles.b(0.0)):.2g} 1/m at the surface"] = BUBBLE_COLOR
 
 
@@ -321,8 +322,9 @@ def add_receiver(
         if not stage.contains(receiver.center):
             continue
         radius = max(receiver.radius, 0.016 * stage.size)  # to be seen
-        size: Any = {"radius": radius, "height": 0.15 * radius}
-        disk = pv.Cylinder(center=receiver.center, direction=receiver.axis, **size)
+        disk = pv.Cylinder(
+            center=receiver.center, direction=receiver.axis, radius=radius, height=0.15 * radius
+        )
         scene.add_mesh(disk, color=RECEIVER_COLOR, ambient=0.4)
         scale = radius / receiver.radius
         drawn = "" if scale == 1.0 else f"\n(drawn {scale:.2g}x)"
@@ -347,7 +349,7 @@ def _add_cone(
     color: str,
     fill: float = 0.1,
 ) -> None:
-    """Draw a cone from its apex to its rim on the surface, unless it is wider than the stage."""
+    """Draw a cone from its apex to the surface, unless it is wider than the stage."""
     if not 0.0 < half_deg < 85.0:
         return
     stage = scene.stage

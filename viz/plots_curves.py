@@ -89,8 +89,8 @@ def plot_bubble_profile(
     for name, values, _, _ in curves(data, quantity):
         ax.plot(values, z, label=name)
     # depth points down
-    ends: Any = {"xlim": (_LEAST_BUBBLES * most, 2.0 * most), "ylim": (z.max(), z.min())}
-    return finished(ax, quantity, "depth", xscale="log", **ends)
+    ax.set(xscale="log", xlim=(_LEAST_BUBBLES * most, 2.0 * most), ylim=(z.max(), z.min()))
+    return finished(ax, quantity, "depth")
 
 
 def plot_water(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:

@@ -158,7 +158,7 @@ def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
         raise Refused("series", Described("no route"), "a time series along a route")
     ax, route = marks.axes(ax), Route.model_validate(origin["route"])
     x, y = route.at(series.time, 1.0).position.T
-    ax.plot(*np.transpose(route.positions), zorder=1, **_LINE)
+    ax.plot(*np.transpose(route.positions), zorder=1, color=INK, lw=0.8)
     points = ax.scatter(x, y, c=series.gains[:, 0], s=24, zorder=2)
     side = "bottom" if np.ptp(x) > 1.5 * np.ptp(y) else "right"
     ax.figure.colorbar(points, ax=ax, label=axis_label("gain"), location=side)
@@ -241,8 +241,9 @@ def plot_gain_cdf(
     gain, laws = _fitted(series, fits)
     cdf = fading.gain_cdf(*gain, n_effective=n_effective)
     ax = marks.axes(ax)
-    look: Any = {"color": INK, "label": "simulated", "drawstyle": "steps-post"}
-    (line,) = ax.plot(cdf.gain, cdf.probability, **look)
+    (line,) = ax.plot(
+        cdf.gain, cdf.probability, color=INK, label="simulated", drawstyle="steps-post"
+    )
     marks.band(ax, line, cdf.low, cdf.high)
     x = np.linspace(cdf.gain[0], cdf.gain[-1], 400)
     for dashes, (name, fit) in zip(("-", "--"), laws.items(), strict=False):
@@ -265,7 +266,7 @@ def _fitted(
 
 
 def _dataset(result: GainSeries | CoverageMap | xr.Dataset, *names: str) -> xr.Dataset:
-    """Return a result as a dataset with the named variables, each of one dimension or more."""
+    """Convert a result to a dataset; refuse it without these variables over a dimension."""
     data = result if isinstance(result, xr.Dataset) else result.to_dataset()
     for name in names:
         if name not in data or not data[name].ndim or data[name].dtype.kind not in "biuf":
@@ -301,7 +302,7 @@ def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None
         raise Refused("statistics", Described("of an ensemble"), "those of a time series")
     data = marks.dataset({"autocorrelation": statistics.autocorrelation}, lag=statistics.lag)
     ax = marks.lines(ax, data, "autocorrelation")
-    ax.axhline(np.exp(-1.0), ls="--", **_LINE)
+    ax.axhline(np.exp(-1.0), ls="--", color=INK, lw=0.8)
     tau = statistics.coherence_time
     if tau is not None and np.isfinite(tau.value):
         shade = PALETTE["vermilion"]
@@ -351,17 +352,19 @@ def plot_coverage(
     label, shown = axis_label("gain"), gain
     # contours of a noisy map would be islands of single cells
     smooth = gaussian_filter(gain, 1.0, mode="nearest")
-    limits: Any = {}
+    low, top = None, None
     if decibel and gain.max() > 0.0:
         shown, label = 10.0 * np.log10(np.where(gain > 0.0, gain, np.nan)), f"{label} [dB]"
         top = float(np.nanmax(shown))
-        limits = {"vmin": max(top - _COVERED, float(np.nanmin(shown))), "vmax": top}
-    marks.heat_map(ax, x, y, shown, label, **limits)
+        low = max(top - _COVERED, float(np.nanmin(shown)))
+    marks.heat_map(ax, x, y, shown, label, vmin=low, vmax=top)
     if min(gain.shape) > 2 and smooth.max() > smooth.min():
         # cells without light lie below all contours
         below = 10.0 * np.log10(np.maximum(smooth / smooth.max(), 1e-12))
-        look: Any = {"colors": "white", "linewidths": 1.0, "linestyles": "-"}
-        lines = ax.contour(x, y, below.T, [-20.0, -10.0, -6.0, -3.0], **look)
+        lines = ax.contour(
+            x, y, below.T, [-20.0, -10.0, -6.0, -3.0], colors="white", linewidths=1.0,
+            linestyles="-",
+        )  # fmt: skip
         ax.clabel(lines, fmt=lambda v: f"{v:g} dB", fontsize=8)
     if place is not None:
         at = x[place[0]], y[place[1]]
@@ -419,9 +422,8 @@ def plot_impulse_response(
     if not last > 0.0:
         raise Refused("responses", Described("single photons alone"), "responses with more light")
     marks.note(ax, "band: ± 2 standard errors")
-    limits: Any = {"xlim": (0.0, last), "ylim": (floor, 2.0 * top)}
-    label = marks.scaled("delay", 0.0)[1]
-    return marks.finished(ax, y="impulse_response", xlabel=label, yscale="log", **limits)
+    ax.set(xlabel=marks.scaled("delay", 0.0)[1], xlim=(0.0, last), yscale="log")
+    return marks.finished(ax, y="impulse_response", ylim=(floor, 2.0 * top))
 
 
 def plot_background(result: Background | BackgroundSeries, *, ax: Axes | None = None) -> Axes:
@@ -494,13 +496,13 @@ def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
     ax.margins(y=0.12)
     ax.legend(loc="upper left", ncols=2)
     marks.note(ax, "band: ± 1 standard deviation")
-    title = f"opening {eye.opening:.2f}, Q = {eye.q_factor:.2f}"
-    labels = {"xlabel": "time [ns], two bits", "ylabel": "signal over its swing"}
-    return marks.finished(ax, legend=False, title=title, **labels)
+    ax.set_title(f"opening {eye.opening:.2f}, Q = {eye.q_factor:.2f}")
+    ax.set(xlabel="time [ns], two bits", ylabel="signal over its swing")
+    return marks.finished(ax, legend=False)
 
 
 def _cover(x: Floats, low: Floats, high: Floats, color: str) -> PathPatch:
-    """Return the area covered by the bands of many curves (curves, n), in one tone."""
+    """Return the union of the bands of many curves (curves, n) as one patch."""
     there, back = np.broadcast_to(x, low.shape), np.broadcast_to(x[::-1], low.shape)
     around = np.stack([np.hstack([there, back]), np.hstack([low, high[:, ::-1]])], axis=-1)
     closed = np.concatenate([around, around[:, :1]], axis=1)

@@ -19,8 +19,6 @@ from meshtrace.stored import Stored
 from . import marks, plots_curves, plots_results
 from .style import INK, PALETTE, verbatim
 
-_LINE: Any = {"color": INK, "lw": 0.8}
-
 
 def plot_comparison(result: studies.Comparison, *, ax: Axes | None = None) -> Axes:
     """Plot the gains of links relative to the first link [dB], with two standard errors.
@@ -37,7 +35,7 @@ def plot_comparison(result: studies.Comparison, *, ax: Axes | None = None) -> Ax
     Axes
     """
     ax = marks.bars(ax, result.to_dataset(), "gain_ratio_db", across=True)
-    ax.axvline(0.0, **_LINE)
+    ax.axvline(0.0, color=INK, lw=0.8)
     ax.set_xlabel(f"gain over {verbatim(result.names[0])} [dB]")
     return ax
 
@@ -58,8 +56,8 @@ def plot_duplex(result: studies.Duplex, *, ax: Axes | None = None) -> Axes:
     """
     gains = [series.gains[:, 0] / series.gains[:, 0].mean() for series in (result.up, result.down)]
     name, times = result.up.along, result.up.coordinate
-    along = {name: times if name == "time" else range(len(times))}
-    data = marks.dataset({"gain over its mean": gains}, way=["up", "down"], **along)
+    places = times if name == "time" else range(len(times))
+    data = marks.dataset({"gain over its mean": gains}, way=["up", "down"], **{name: places})
     return marks.finished(marks.lines(ax, data, "gain over its mean"), ylim=(0.0, None))
 
 
@@ -93,10 +91,10 @@ def plot_convergence(study: studies.ConvergenceStudy, *, ax: Axes | None = None)
         color = list(PALETTE.values())[k]
         marks.lines(ax, data, "error", ("o", "-", "^--"), (color,), lw=1.0, markersize=5)
     ax.axhline(100.0 * study.tolerance, color="0.5", lw=0.8, ls=":", label="tolerance")
-    ax.set_yscale("log")
+    ax.set(yscale="log", ylabel="error of the gain [%]")
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.yaxis.set_major_formatter("{x:g}")
-    return _over_steps(ax, study.values, ylabel="error of the gain [%]")
+    return _over_steps(ax, study.values)
 
 
 def plot_fading_convergence(study: studies.FadingConvergence, *, ax: Axes | None = None) -> Axes:
@@ -122,17 +120,18 @@ def plot_fading_convergence(study: studies.FadingConvergence, *, ax: Axes | None
     quantities |= {"scintillation_index_stderr": errors} if n == 3 else {}
     data = marks.dataset(quantities, curve=names[:n], omega_max=study.omega_max)
     ax = marks.lines(ax, data, "scintillation_index", ("-", "--", "o"))
-    ax.axhline(study.all_waves, ls=":", label="all waves", **_LINE)
-    return _over_steps(ax, study.omega_max, yscale="log")
+    ax.axhline(study.all_waves, ls=":", label="all waves", color=INK, lw=0.8)
+    ax.set_yscale("log")
+    return _over_steps(ax, study.omega_max)
 
 
-def _over_steps(ax: Axes, values: Floats, **settings: Any) -> Axes:
-    """Return finished axes over the steps of a study, logarithmic, each step named."""
+def _over_steps(ax: Axes, values: Floats) -> Axes:
+    """Finish axes with a logarithmic abscissa on which each step of a study has a tick."""
     ax.set_xscale("log")
     ax.set_xticks(values, [f"{value:g}" for value in values])
     # each step is named; minor ticks of decades would only fall between the names
     ax.minorticks_off()
-    return marks.finished(ax, **settings)
+    return marks.finished(ax)
 
 
 def plot_tornado(
@@ -160,17 +159,13 @@ def plot_tornado(
     """
     bars = studies.swings(s, change)
     names = [f"{bar.name}\n{bar.values[0]:.4g} to {bar.values[1]:.4g} {bar.unit}" for bar in bars]
-    values = {
-        "change": [bar.change for bar in bars],
-        "change_stderr": [bar.stderr for bar in bars],
-    }
-    data = marks.dataset(
-        values, name=[name.removesuffix(" 1") for name in names], side=["lower", "higher"]
-    )
+    values = {"change": [b.change for b in bars], "change_stderr": [b.stderr for b in bars]}
+    names = [name.removesuffix(" 1") for name in names]  # of a dimensionless parameter
+    data = marks.dataset(values, name=names, side=["lower", "higher"])
     # `bars` takes the groups first
     ax = marks.bars(ax, data.transpose(), "change", across=True, beside=False)
     ax.tick_params(axis="y", labelsize=8)
-    ax.axvline(0.0, **_LINE)
+    ax.axvline(0.0, color=INK, lw=0.8)
     form = ".2e" if s.of == "gain" else ".3g"
     base = f"{s.value:{form}} {s.unit}".removesuffix(" 1")
     ax.set_xlabel(f"change of the {s.of} from {base} [{'m' if s.of == 'range' else 'dB'}]")

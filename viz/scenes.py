@@ -179,18 +179,27 @@ def scene(
     plotter.suppress_rendering = True  # once shown, it would be rendered after every part
     shown = shown_mesh(surface, stage, time, style.spacing)
     bubbles = link.bubbles if link is not None and style.bubbles else None
-    coverage = _map_of(coverage, link, surface, 0.5 * stage.half, time, seed)
+    if isinstance(coverage, int):
+        if link is None:
+            raise Refused("coverage", Described("of a mesh alone"), "with a link")
+        half, photons = 0.5 * stage.half, coverage
+        coverage = coverage_map(
+            link, surface, half, half / 20.0, times=(time,), photons=photons, seed=seed
+        )
     # from back to front: translucent parts are blended in this order
     if link is not None:
         parts.add_bubbles(plotter, shown, bubbles)
         parts.add_transmitter(plotter, link, shown, labels=style.labels)
-    look_of = style.model_dump(include={"color", "color_limit", "edges", "opacity"})
+    shaded = None
     if style.color == "water":
         sea_light = SeaLight.from_link(link, daylight, wind_of(surface))
         longest, texels = longest_left_out(surface), texels_for(style.window_size)
-        look_of["shaded"] = ShadedSea(shown, sea_light, longest, time, texels)
-        look_of["light"] = "white" if link is None or daylight else _DUSK
-    parts.add_surface(plotter, shown, **look_of)
+        shaded = ShadedSea(shown, sea_light, longest, time, texels)
+    parts.add_surface(
+        plotter, shown, color=style.color, color_limit=style.color_limit, edges=style.edges,
+        opacity=style.opacity, shaded=shaded,
+        light="white" if link is None or daylight else _DUSK,
+    )  # fmt: skip
     if link is not None:
         trace = partial(trace_paths, link, surface, time=time, seed=seed)
         paths = trace(paths) if isinstance(paths, int) else paths
@@ -217,24 +226,6 @@ def scene(
     plotter.suppress_rendering = False
     plotter.render()
     return plotter
-
-
-def _map_of(
-    coverage: CoverageMap | int | None,
-    link: Link | None,
-    surface: MeshSource | TriangleMesh,
-    half: float,
-    time: float,
-    seed: int,
-) -> CoverageMap | None:
-    """Return the map, or compute it from a number of photons in 40 by 40 cells."""
-    if not isinstance(coverage, int):
-        return coverage
-    if link is None:
-        raise Refused("coverage", Described("of a mesh alone"), "with a link")
-    run: Any = {"times": (time,), "photons": coverage, "seed": seed}
-    computed: CoverageMap = coverage_map(link, surface, half, half / 20.0, **run)
-    return computed
 
 
 def shown_mesh(
@@ -359,16 +350,15 @@ def add_paths(
             continue
         # by the root of their number few rays are seen and many do not fill the picture
         strength = (_RECEIVED if received else _SEEN) / math.sqrt(seen)
-        alpha = min(strength, 0.8) * rays["fade"] * (1.0 if received else rays["weight"])
-        thick: Any = {"line_width": (1.6 if received else 1.0) * width}
+        alpha: Any = min(strength, 0.8) * rays["fade"] * (1.0 if received else rays["weight"])
+        line_width = (1.6 if received else 1.0) * width
         if color == "weight":
-            look: Any = {"cmap": SEQUENTIAL, "clim": (0.0, 1.0), "opacity": alpha}
-            bar = scene.bar("photon weight")
             scene.add_mesh(
-                rays, scalars="weight", lighting=False, scalar_bar_args=bar, **look, **thick
-            )
+                rays, scalars="weight", cmap=SEQUENTIAL, clim=(0.0, 1.0), opacity=alpha,
+                scalar_bar_args=scene.bar("photon weight"), line_width=line_width, lighting=False,
+            )  # fmt: skip
         else:
-            scene.add_tinted(rays, shade, alpha, **thick)
+            scene.add_tinted(rays, shade, alpha, line_width=line_width)
             scene.key[f"photons {name}"] = shade
         if received:
             _add_dots(scene, chosen.vertex[chosen.what == Vertex.SCATTER], shade)
@@ -386,7 +376,7 @@ def path_segments(paths: PhotonPaths) -> tuple[np.ndarray, ...]:
 
 
 def _rays(scene: ScenePlotter, paths: PhotonPaths) -> tuple[pv.PolyData, int]:
-    """Return photon paths as short straight pieces, and the number of photons seen.
+    """Cut photon paths into short straight segments; return them and the number of photons seen.
 
     Points have the weight, and a factor by which rays fade towards the sides of the stage, and at
     their end if that is no aperture.
@@ -422,7 +412,7 @@ def _rays(scene: ScenePlotter, paths: PhotonPaths) -> tuple[pv.PolyData, int]:
 
 
 def select_paths(paths: PhotonPaths, which: np.ndarray | slice) -> PhotonPaths:
-    """Return some of the paths, chosen by index, mask or slice."""
+    """Select paths by indices, mask or slice."""
     try:
         return PhotonPaths(
             paths.vertex[which], paths.weight[which], paths.what[which], paths.photon[which]
@@ -476,19 +466,17 @@ def add_footprint(scene: ScenePlotter, mesh: TriangleMesh, received: PhotonPaths
     illuminated = illuminated.clip_box(scene.stage.bounds, invert=False)
     if not illuminated.n_cells:
         return scene
-    colors: Any = {"scalars": "footprint", "clim": (-FOOTPRINT_RANGE_DB, 0.0), "cmap": "inferno"}
-    look: Any = {"opacity": "linear", "lighting": False, "show_scalar_bar": False}
-    if max(np.ptp(np.reshape(illuminated.bounds, (3, 2)), axis=1)) > _LEGIBLE * size:
-        look |= {
-            "show_scalar_bar": True,
-            "scalar_bar_args": scene.bar("received light crossing [dB]"),
-        }
-    scene.add_mesh(illuminated, name="footprint", **colors, **look)
+    legible = max(np.ptp(np.reshape(illuminated.bounds, (3, 2)), axis=1)) > _LEGIBLE * size
+    scene.add_mesh(
+        illuminated, name="footprint", scalars="footprint", clim=(-FOOTPRINT_RANGE_DB, 0.0),
+        cmap="inferno", opacity="linear", lighting=False, show_scalar_bar=bool(legible),
+        scalar_bar_args=scene.bar("received light crossing [dB]") if legible else None,
+    )  # fmt: skip
     return scene
 
 
 def _footprint(mesh: TriangleMesh, crossings: np.ndarray, blur: float) -> pv.StructuredGrid:
-    """Return a piece of the surface with the density of crossings, blurred [m], below its peak."""
+    """Return a patch of the surface with the blurred density of crossings [dB below its peak]."""
     from scipy.ndimage import gaussian_filter
 
     low, high = crossings.min(axis=0) - 4.0 * blur, crossings.max(axis=0) + 4.0 * blur
@@ -514,7 +502,8 @@ def add_coverage(scene: ScenePlotter, coverage: CoverageMap) -> ScenePlotter:
     data = to_pyvista(coverage).clip_box(scene.stage.bounds, invert=False)
     frame = data.extract_feature_edges()
     scene.add_mesh(frame, color=CHALK, opacity=0.5, lighting=False, name="frame")
-    look: Any = {"cmap": "inferno", "opacity": [0.05, 0.6, 0.7], "lighting": False}
-    bar = scene.bar("channel gain")
-    scene.add_mesh(data, scalars="gain", name="coverage", scalar_bar_args=bar, **look)
+    scene.add_mesh(
+        data, name="coverage", scalars="gain", cmap="inferno", opacity=[0.05, 0.6, 0.7],
+        lighting=False, scalar_bar_args=scene.bar("channel gain"),
+    )  # fmt: skip
     return scene

@@ -18,13 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.engine.setup.options import Meshing
 from meshtrace.engine.simulate import simulate
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_finite,
-    require_whole,
-    require_writable,
-)
+from meshtrace.errors import Described, Refused, require_finite, require_whole, require_writable
 from meshtrace.fading.spectral import resolve_band
 from meshtrace.files import atomic
 from meshtrace.link import Link
@@ -107,17 +101,18 @@ def save_movie(
         If the suffix is not .mp4 or .gif, there are fewer than two times, or the gain has other
         times.
     """
-    at, path = require_finite(times, "times", "two times or more"), Path(path)
-    if len(at) < 2:
-        raise Refused("times", at.tolist(), "two times or more")
-    options = writer_options(path, natural_rate(at) if frame_rate is None else frame_rate, quality)
+    frame_times, path = require_finite(times, "times", "two times or more"), Path(path)
+    if len(frame_times) < 2:
+        raise Refused("times", frame_times.tolist(), "two times or more")
+    rate = natural_rate(frame_times) if frame_rate is None else frame_rate
+    options = writer_options(path, rate, quality)
     # the waves that the gain of `time_series` has
     surface = resolve_band(link, surface, fading=True)
     seed = shown.get("seed", 1)
-    gain = gain or time_series(link, surface, at, photons=photons, seed=seed)
-    if not np.array_equal(gain.coordinate, at):
+    gain = gain or time_series(link, surface, frame_times, photons=photons, seed=seed)
+    if not np.array_equal(gain.coordinate, frame_times):
         raise Refused("gain", Described("at other times"), "a series at the times of the frames")
-    heights = surface.mesh(float(at[0]), extent=20.0, spacing=1.0).vertices[:, 2]
+    heights = surface.mesh(float(frame_times[0]), extent=20.0, spacing=1.0).vertices[:, 2]
     style = shown.get("style", SceneStyle())
     # of the first frame, with room for higher crests of later ones: one scale for all
     limit = style.color_limit or 1.2 * float(np.abs(heights).max()) or None
@@ -126,7 +121,7 @@ def save_movie(
     def pictures() -> Iterator[NDArray[np.uint8]]:
         plotter = None
         try:
-            for time in map(float, at):
+            for time in map(float, frame_times):
                 plotter = scene(link, surface, time=time, plotter=plotter, **shown)
                 yield np.asarray(plotter.screenshot(return_img=True))
         # the window of a movie that fails is closed, too
@@ -134,7 +129,7 @@ def save_movie(
             if plotter is not None:
                 plotter.close()
 
-    return _write_movie(path, _beside_gain(pictures(), gain), len(at), options, progress)
+    return _write_movie(path, _beside_gain(pictures(), gain), len(frame_times), options, progress)
 
 
 def save_light(
@@ -176,15 +171,16 @@ def save_light(
         If the suffix is another, a movie has fewer than two times, or as in
         `meshtrace.light_pattern`.
     """
-    path, at = Path(path), require_finite(times, "times", "(n,) times [s]")
+    path, frame_times = Path(path), require_finite(times, "times", "(n,) times [s]")
     options = writer_options(path, frame_rate, _LIGHT_QUALITY, (".png",))
-    if len(at) < (1 if path.suffix == ".png" else 2):
-        raise Refused("times", Described(f"shape {at.shape}"), "(n,) with n >= 2, or a .png")
+    if len(frame_times) < (1 if path.suffix == ".png" else 2):
+        shape = Described(f"shape {frame_times.shape}")
+        raise Refused("times", shape, "(n,) with n >= 2, or a .png")
     height = link.only_receiver.height
     extent = 0.4 * height if extent is None else extent
     step = extent / _CELLS if step is None else step
     pattern_ends(link, surface, extent, step)  # refuses what has no pattern
-    lines, slope = _crossed(link, surface, extent, float(at[0]))
+    lines, slope = _sea_crossed(link, surface, extent, float(frame_times[0]))
     # a flat sea has no slopes to scale by
     steepest = _STEEPEST * float(slope.std()) or 0.1
     around = [float(x) + np.array([-extent, extent]) for x in link.only_receiver.position]
@@ -196,22 +192,22 @@ def save_light(
 
     def frames() -> Iterator[_Values]:
         nonlocal mean
-        for time in map(float, at):
+        for time in map(float, frame_times):
             gain = light_pattern(link, surface, extent, step, time=time).gain
             # that of the first frame for all: else each would
             # be scaled to its own and caustics would pulse
             mean = mean or float(gain.mean())
-            slope = _crossed(link, surface, extent, time)[1]
+            slope = _sea_crossed(link, surface, extent, time)[1]
             titles = "sea that the light crosses", f"light {height:g} m above it, t = {time:.2f} s"
             yield (slope, gain / mean), titles
 
-    return _save_maps(path, maps, frames(), len(at), options, progress)
+    return _save_maps(path, maps, frames(), len(frame_times), options, progress)
 
 
-def _crossed(
+def _sea_crossed(
     link: Link, surface: Any, extent: float, time: float
 ) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
-    """Return ends [m] and slopes of the patch of sea crossed by the light of a map."""
+    """Return the ends [m] and slopes of the patch of sea that the light of a map crosses."""
     source, above = link.transmitters[0], link.only_receiver
     depth = getattr(source, "depth", 1.0)
     # paraxial: a metre of air counts as n metres of water
@@ -302,13 +298,10 @@ def writer_options(
 
 
 def _write_movie(
-    path: Path,
-    frames: Iterable[NDArray[np.uint8]],
-    total: int,
-    options: dict[str, Any],
+    path: Path, frames: Iterable[NDArray[np.uint8]], total: int, options: dict[str, Any],
     progress: Callable[[int], None] | None,
-) -> Path:
-    """Write a number of frames (height, width, 3) as a movie."""
+) -> Path:  # fmt: skip
+    """Write frames (height, width, 3) as a movie."""
     from imageio import v2 as imageio
 
     with atomic(path) as temporary, imageio.get_writer(temporary, **options) as writer:
@@ -359,9 +352,9 @@ def _beside_gain(
         for earlier in (*right.lines, *right.collections):
             earlier.set_visible(False)  # what is yet to come sets the limits alone
         (past,) = right.plot([], [], color=PALETTE["sky"], lw=1.8)
-        received: Any = {"color": FATE_COLORS["received"]}
-        (mark,) = right.plot([], [], "o", markersize=9, **received)
-        now = right.axvline(times[0], lw=0.8, **received)
+        color = FATE_COLORS["received"]
+        (mark,) = right.plot([], [], "o", markersize=9, color=color)
+        now = right.axvline(times[0], lw=0.8, color=color)
         title = right.set_title("")
     for i, picture in enumerate(pictures):
         image.set_data(picture)
@@ -386,24 +379,23 @@ _Values = tuple[Any, Sequence[str]]  # of the maps of a frame, and their titles
 
 @mpl.rc_context(RC)
 def _save_maps(
-    path: Path,
-    maps: Sequence[_Map],
-    frames: Iterable[_Values],
-    total: int,
-    options: dict[str, Any],
-    progress: Callable[[int], None] | None,
-) -> Path:
+    path: Path, maps: Sequence[_Map], frames: Iterable[_Values], total: int,
+    options: dict[str, Any], progress: Callable[[int], None] | None,
+) -> Path:  # fmt: skip
     """Write maps side by side: the first frame as a .png, or all as a movie."""
     figure = _figure(LIGHT_SIZE, 80)
     axes = figure.subplots(1, len(maps), squeeze=False)[0]
     images = []
     for ax, map_drawn in zip(axes, maps, strict=True):
-        look: Any = {"extent": np.concatenate(map_drawn.ends), "interpolation": "bilinear"}
-        look |= {"cmap": map_drawn.colors, "norm": map_drawn.norm, "origin": "lower"}
-        images.append(ax.imshow(np.zeros((2, 2)), **look))
-        beyond = "both" if map_drawn.norm.vmin else "max"  # of light there is none below 0
-        size: Any = {"extend": beyond, "shrink": 0.78, "aspect": 18}
-        figure.colorbar(images[-1], ax=ax, label=map_drawn.label, **size)
+        extent: Any = np.concatenate(map_drawn.ends)
+        image = ax.imshow(
+            np.zeros((2, 2)), extent=extent, interpolation="bilinear", origin="lower",
+            cmap=map_drawn.colors, norm=map_drawn.norm,
+        )  # fmt: skip
+        images.append(image)
+        extend = "both" if map_drawn.norm.vmin else "max"  # of light there is none below 0
+        label = map_drawn.label
+        figure.colorbar(image, ax=ax, label=label, extend=extend, shrink=0.78, aspect=18)
         seen_from_above(ax)
 
     def draw(values: Any, titles: Sequence[str]) -> Figure:
@@ -492,7 +484,7 @@ def view(
         mesh is requested.
     """
     outputs = {"screenshot": screenshot, "html": html, "movie": movie, "light": light}
-    _refuse_unwritable({**outputs, "export": export})
+    _refuse_unwritable(outputs | {"export": export})
     window = not (any(outputs.values()) or export)
     if window and not has_display():
         raise Refused("view", Described("no display"), "screenshot, html, movie or export")
@@ -503,13 +495,11 @@ def view(
     style, paths = shown.get("style", SceneStyle()), shown.get("paths")
     if window or screenshot or html or export:
         traced = (500 if paths is None else paths or None) if link is not None else None
-        if isinstance(gain, GainResult):
-            of_picture: GainResult | None = gain
-        else:
-            of_picture = _gain_of(link, surface, time, shown.get("seed", 1))
-        off = style.replace(off_screen=not window)
-        still: Shown = {**shown, "paths": traced, "style": off}
-        plotter = scene(link, surface, time=time, gain=of_picture, **still)
+        seed = shown.get("seed", 1)
+        stated = gain if isinstance(gain, GainResult) else _gain_of(link, surface, time, seed)
+        still = shown.copy()
+        still["paths"], still["style"] = traced, style.replace(off_screen=not window)
+        plotter = scene(link, surface, time=time, gain=stated, **still)
         if screenshot:
             with atomic(screenshot) as temporary:
                 plotter.screenshot(temporary)
@@ -521,24 +511,28 @@ def view(
         if window:
             plotter.show(title=title)
         plotter.close()
-    film: Any = {"progress": progress}
     if movie or light:
-        times, film["frame_rate"] = _frames(series, time, frames, frame_rate)
+        times, rate = _frames(series, time, frames, frame_rate)
     if movie and isinstance(link, Link) and isinstance(surface, MeshSource):
-        received = shown.get("received") or RECEIVED_SHOWN
-        moving: Shown = {**shown, "paths": paths or None, "received": received}
-        files.append(save_movie(link, surface, times, movie, gain=series, **film, **moving))
+        moving = shown.copy()
+        # in a movie by default received light alone: other paths would hide the sea
+        moving["paths"], moving["received"] = paths or None, shown.get("received") or RECEIVED_SHOWN
+        files.append(save_movie(
+            link, surface, times, movie, gain=series, frame_rate=rate, progress=progress, **moving
+        ))  # fmt: skip
     if light:
         if link is None or not isinstance(surface, SurfaceModel):
             raise Refused("light", Described("of a mesh"), "a link over a sea")
-        files.append(save_light(link, surface, light, times, extent=style.extent, **film))
+        files.append(save_light(
+            link, surface, light, times, extent=style.extent, frame_rate=rate, progress=progress
+        ))  # fmt: skip
     return files
 
 
 def _gain_of(
     link: Link | None, surface: MeshSource | TriangleMesh, time: float, seed: int
 ) -> GainResult | None:
-    """Return the gain of `simulate` for the caption, None for a link that is refused."""
+    """Compute the gain for the caption; None if `simulate` refuses the link."""
     if link is None:
         return None
     mesh = None if isinstance(surface, TriangleMesh) else Meshing(time=time)

@@ -180,8 +180,10 @@ class ScenePlotter(pv.Plotter):
 
     def write(self, text: str, left: float, bottom: float, color: str) -> None:
         """Write a text at a place in the window, of 1 by 1."""
-        font: Any = {"font_size": round(0.5 * self.font_size), "font_file": FONT_FILE}
-        self.add_text(text, position=(left, bottom), viewport=True, color=color, **font)
+        self.add_text(
+            text, position=(left, bottom), viewport=True, color=color, font_file=FONT_FILE,
+            font_size=round(0.5 * self.font_size),
+        )  # fmt: skip
 
     def add_tinted(
         self, part: pv.DataSet, color: Any, alpha: ArrayLike, clipped: bool = False, **look: Any
@@ -317,8 +319,10 @@ def add_compass(
     angle = math.radians(direction_deg)
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
     middle = np.array([s.center[0] - 0.5 * s.half, s.center[1] - 1.15 * s.half, 0.0])
-    shape: Any = {"scale": length, "tip_length": 0.3, "tip_radius": 0.07, "shaft_radius": 0.025}
-    arrow = pv.Arrow(start=middle - 0.5 * length * along, direction=along, **shape)
+    arrow = pv.Arrow(
+        start=middle - 0.5 * length * along, direction=along, scale=length, tip_length=0.3,
+        tip_radius=0.07, shaft_radius=0.025,
+    )  # fmt: skip
     scene.add_mesh(arrow, color=PALETTE["orange"], ambient=0.4)
     text = "down-wind" if wind_speed is None else f"wind {wind_speed:g} m/s"
     add_labels(scene, [middle - 0.035 * s.size * Z], [text])
@@ -358,11 +362,12 @@ def add_labels(
     if not texts:
         return scene
     scene.texts += [(point, text, align) for point, text in zip(places, texts, strict=True)]
-    font: Any = {"font_size": scene.font_size, "font_file": FONT_FILE, "bold": False}
-    place: Any = {"justification_horizontal": align, "justification_vertical": "center"}
-    back: Any = {"shape": None, "background_color": NIGHT, "background_opacity": 0.45}
-    shown: Any = {"show_points": False, "always_visible": True, "text_color": CHALK}
-    scene.add_point_labels(places, texts, **font, **place, **back, **shown)
+    scene.add_point_labels(
+        places, texts, font_size=scene.font_size, font_file=FONT_FILE, bold=False,
+        text_color=CHALK, shape=None, background_color=NIGHT, background_opacity=0.45,
+        justification_horizontal=align, justification_vertical="center",
+        show_points=False, always_visible=True,
+    )  # fmt: skip
     return scene
 
 

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from meshtrace.daylight.light import Daylight, sky_radiance
+from meshtrace.daylight.light import Daylight
+from meshtrace.daylight.patterns import sky_radiance
 from meshtrace.daylight.upward import connected_glint
 from meshtrace.kernels.interface import Roughness
 from meshtrace.link import Link, Whitecaps
@@ -88,12 +89,10 @@ class SeaLight:
         speed, direction = wind[0] or 0.0, wind[1]
         caps = link.whitecaps if link is not None else None
         caps = caps or Whitecaps(wind_speed=min(speed, 30.0))
-        fields: dict[str, Any] = {}
+        water, nm = cls.water, cls.wavelength_nm
         if link is not None:
-            fields = {"water": link.water, "wavelength_nm": link.transmitters[0].wavelength_nm}
-        foam = 1.0 - caps.transmittance
-        return cls(day or DEFAULT_DAY, **fields, foam=foam, wind_speed=speed,
-                   wind_direction_deg=direction)  # fmt: skip
+            water, nm = link.water, link.transmitters[0].wavelength_nm
+        return cls(day or DEFAULT_DAY, water, nm, 1.0 - caps.transmittance, speed, direction)
 
     @cached_property
     def upwelling(self) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from functools import lru_cache
 from itertools import chain, cycle, islice
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,9 +61,8 @@ class Goal:
         self, objective: Objective | Custom, quantile: float, lights: Lights, limit: float
     ) -> None:
         if not callable(objective) and objective not in get_args(Objective):
-            raise Refused(
-                "objective", objective, f"{', '.join(get_args(Objective))}, or a function"
-            )
+            allowed = f"{', '.join(get_args(Objective))}, or a function"
+            raise Refused("objective", objective, allowed)
         self.objective = objective
         self._quantile, self._lights = quantile, lights
         self._rates = Quantity("range" if callable(objective) else objective, limit)
@@ -76,16 +75,18 @@ class Goal:
     def costs(self, at: Variant, sample: Sample) -> Floats:
         """Return the number to minimise: of all gains, then of the groups of the jackknife."""
         gains, ook = self._lit(at, sample)
+        # a quantile is no mean over groups, nor is a user's function: each is taken without each
         if callable(self.objective) or self.objective == "outage":
             at, weights = at._replace(detector=ook), sample.weights
             return np.array([self._cost(at, without, weights) for without in without_each(gains)])
+        # a closed eye has no need to divide by, yet a search goes on from a number
         if self.objective in ("margin", "range") and math.isinf(self._rates.need(ook)):
             worst = 0.0 if self.objective == "range" else -math.log(_DARK)  # a closed eye
             return np.array([worst for _ in without_each(gains)])
         return self._ranges(at, sample) if self.objective == "range" else -self._logs(at, sample)
 
     def _lit(self, at: Variant, sample: Sample) -> tuple[Floats, OokLink | None]:
-        """Return the gains of a candidate, and its transmission under its background light."""
+        """Return the gains of a candidate and its receiver with background light."""
         gains = sample.gains(at)
         if self.objective == "gain":
             return gains, None
@@ -94,6 +95,7 @@ class Goal:
     def _cost(self, at: Variant, gains: Floats, weights: Floats) -> float:
         """Return the number of a function, or the quantile of -ln(gain / need)."""
         means = gains.mean(axis=-1)
+        # seas count equally, places by the probability of their strata
         weights = np.tile(weights, len(means)) / len(means)
         if callable(self.objective):
             return float(self.objective(at, means.ravel(), weights))
@@ -132,6 +134,7 @@ class Goal:
         def there(depth: float) -> Variant:
             return at._replace(link=at.link.at_depth(depth))
 
+        # each group moves the depth by one step of Newton, with the fall of the whole sample
         depth, _, fall = range_of(lambda at: float(self._logs(there(at), sample)[0]), at.link)
         return -depth - self._logs(there(depth), sample) / fall
 
@@ -151,7 +154,7 @@ again."""
 
 
 def _by_edge(arrivals: Light, half_deg: float) -> NDArray[np.bool_]:
-    """Return which light comes through facets by the edge of a view; none if that is little."""
+    """Return a mask of light through facets at the edge of the view; empty if negligible."""
     off = np.abs(arrivals.angle - math.radians(half_deg))
     near_edge = (arrivals.facet >= 0) & (off < _EDGE)
     return near_edge & (arrivals.weight[near_edge].sum() > _SMALL * arrivals.weight.sum())
@@ -170,7 +173,7 @@ class Sample(Restored):
         Standard deviations of the place of the end in the air along x and y [m].
     flight : Flight, optional
         Aircraft that tilts it.
-    turned : tuple of str
+    reweighed : tuple of str
         Variables that only weigh the arrivals again, see `REWEIGHED`.
 
     Notes
@@ -186,13 +189,13 @@ class Sample(Restored):
         realizations: int,
         hover_std: tuple[float, float],
         flight: Flight | None,
-        turned: tuple[str, ...],
+        reweighed: tuple[str, ...],
     ) -> None:
         if flight is not None:
             flight = flight._replace(wind=campaign.wind_of(flight))
-        self.inputs = (campaign.alone, realizations, hover_std, flight, turned)
+        self.inputs = (campaign.alone, realizations, hover_std, flight, reweighed)
         link, self._seed = campaign.link, campaign.run.seed
-        self._flight, self._start, self._turned = flight, link, turned
+        self._flight, self._start, self._reweighed = flight, link, reweighed
         random = isinstance(campaign.surface, SeededSurface)
         self._seas = realizations if random else 1
         self._places = 1
@@ -204,7 +207,8 @@ class Sample(Restored):
             campaign, self._seas, phases=random, fading=True,
             meshes_kept=self._seas, around=self._spread(link, uav, 0),
         )  # fmt: skip
-        traced = self._seas if turned else min(self._seas, MOST_SEAS)
+        # without such variables only the response asks for arrivals, and of a few seas
+        traced = self._seas if reweighed else min(self._seas, MOST_SEAS)
         self._lights = lru_cache(_CASES * traced)(self._light)
         self.responses = Responses(self.some_light, Variant(link, None, uav=uav))
         self._known = lru_cache(_CANDIDATES)(self._kept)
@@ -212,7 +216,7 @@ class Sample(Restored):
             "realizations": realizations,
             "hover_std": hover_std,
             "flight": flight and campaign.of_flight(flight),
-            "turned": list(turned),
+            "reweighed": list(reweighed),
         }
 
     def _draw(self, campaign: Campaign, hover_std: tuple[float, float]) -> None:
@@ -234,18 +238,18 @@ class Sample(Restored):
             self._winds = wind.sample_wind(self._seas * m, seed).reshape(self._seas, m, 3)
 
     def _spread(self, link: Link, uav: Uav | None, i: int) -> Link:
-        """Return a link with its end in the air at all places over sea i."""
+        """Return a link with a copy of its end in the air at each place over sea i."""
         name, end = link.air_end
         if end.tilt_deg != 0.0 and uav is not None:
             raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the aircraft tilts it")
         tilts = None if uav is None else uav.tilt(self._winds[i])
         ends = []
         for k, (x, y) in enumerate(self._offsets.tolist()):
-            there: dict[str, Any] = {"position": (end.position[0] + x, end.position[1] + y)}
+            there = end.replace(position=(end.position[0] + x, end.position[1] + y))
             if tilts is not None:
-                there["tilt_deg"] = math.degrees(tilts.angle[k])
-                there["tilt_azimuth_deg"] = math.degrees(tilts.azimuth[k])
-            ends.append(end.replace(**there))
+                angle, azimuth = math.degrees(tilts.angle[k]), math.degrees(tilts.azimuth[k])
+                there = there.replace(tilt_deg=angle, tilt_azimuth_deg=azimuth)
+            ends.append(there)
         return link.model_copy(update={name: tuple(ends)})
 
     def gains(self, at: Variant) -> Floats:
@@ -265,19 +269,20 @@ class Sample(Restored):
 
         name = f"candidates of seed {self._seed}"
         places = sum(len(at.receivers) for at in self._links(link, uav, 0))
-        rows = self._near.campaign.evaluate(
+        gains = self._near.campaign.evaluate(
             setup, steps, name, self._identity, lambda step: (places, SHIFTS)
         )
-        return np.array(list(rows))
+        return np.array(list(gains))
 
     def _over_sea(self, link: Link, uav: Uav | None, i: int) -> Floats:
         """Return the gains of a candidate over sea i, shape (places, shifts)."""
         links, frozen, mesh = self._links(link, uav, i), self._near.frozen, self._near.mesh(i)
-        if not self._turned:
+        if not self._reweighed:
             return np.concatenate([frozen.gains(at, mesh) for at in links])
         lights, per_place = iter(self.arrivals(link, uav, i)), []
         for at in links:
             at_place = list(islice(lights, len(at.receivers)))
+            # a facet at the edge of a view is cut as a whole, or not: its light is integrated again
             cut = [_by_edge(arrivals, 0.5 * link.receivers[0].fov_deg) for arrivals in at_place]
             facets = [arrivals.facet[near] for arrivals, near in zip(at_place, cut, strict=True)]
             exact = frozen.unscattered(at, mesh, facets) if any(map(len, facets)) else None
@@ -287,11 +292,11 @@ class Sample(Restored):
         return np.array(per_place)
 
     def arrivals(self, link: Link, uav: Uav | None, i: int) -> list[Light]:
-        """Return the light of a candidate at all places over sea i, before it is weighed again.
+        """Return the arrivals of a candidate at all places over sea i, before they are reweighted.
 
         Variables that only weigh it are those of the start.
         """
-        for name in self._turned:
+        for name in self._reweighed:
             link = link.replace(name, Variant(self._start, None).value(name))
         return self._lights(link, uav, i)
 
@@ -302,13 +307,13 @@ class Sample(Restored):
 
     @held
     def some_light(self, at: Variant) -> list[Light]:
-        """Return the light of a candidate at all places over some seas, for its response."""
+        """Return the arrivals of a candidate over a few seas, for its impulse response."""
         link, uav = at.link, None if self._flight is None else at.uav
         seas, threads = range(min(MOST_SEAS, self._seas)), self._near.campaign.threads
         over_each = ordered_map(lambda i: self.arrivals(link, uav, i), seas, threads)
         lights = []
         for arrivals, weight in zip(chain.from_iterable(over_each), cycle(self.weights)):
-            factor = weight * self._factor(link, arrivals) if self._turned else weight
+            factor = weight * self._factor(link, arrivals) if self._reweighed else weight
             lights.append(arrivals._replace(weight=factor * arrivals.weight))
         return lights
 
@@ -321,8 +326,9 @@ class Sample(Restored):
         return [link.model_copy(update={"transmitter": lamp}) for lamp in spread.transmitters]
 
     def _factor(self, link: Link, arrivals: Light) -> Floats:
-        """Return the weights of arrivals at a candidate, relative to the start."""
+        """Return the weights of arrivals for a candidate, relative to the start."""
         half = math.radians(0.5 * link.receivers[0].fov_deg)
+        # arrivals are those of the widest view
         factor = (arrivals.angle <= half).astype(float)
         old, new = self._start.transmitters[0], link.transmitters[0]
         if isinstance(old, Led) and isinstance(new, Led):

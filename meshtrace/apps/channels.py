@@ -109,13 +109,14 @@ class ChannelModel(Stored):
 
 
 def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[Floats, dict[str, Any]]:
-    """Return the gains, and the fields of a model that describe them."""
+    """Check a series of gains; return it with the fields of a model that describe it."""
     g = checked_gain(gain)
     step = require_between(dt, 0.0, math.inf, "dt", allowed="a time step > 0 s")
     require_seed(seed)
     if np.ptp(g) == 0.0:
         raise Refused("gain", Described("all equal"), "gains that vary")
     rho = autocorrelation(g, max_lag=g.size - 1)
+    # beyond its memory the correlation of a series is noise, which no model should follow
     lags = flat_top(rho).size
     replicates = correlation_replicates(g, lags, block_length(g), _RESAMPLES, seed)
     return g, {
@@ -131,9 +132,10 @@ def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[Floats, dict[str, An
 
 
 def _memory_note(statistics: dict[str, Any], model: Floats, cause: str) -> list[str]:
-    """Return a note if the autocorrelations of a model and its series differ."""
+    """Return a note if the autocorrelation of a model differs from that of its series."""
     off = model - statistics["autocorrelation"]
     at = int(np.argmax(np.abs(off)))
+    # within three standard errors a difference is chance
     if abs(off[at]) < max(_NOTED, 3.0 * statistics["autocorrelation_stderr"][at]):
         return []
     return [
@@ -251,7 +253,9 @@ class MarkovChannel(ChannelModel, kind="markov-channel", title="meshtrace Markov
         steady = _steady(transition)
         level = np.bincount(states, g, m) / np.bincount(states, minlength=m)
         mean = float(steady @ level)
+        # states have one gain each: the spread within them is lost
         variance = float(steady @ (level - mean) ** 2)
+        # E[h(0) h(t)] = sum_i pi_i h_i (P^t h)_i: each lag is one more product with P
         rho, expected = np.empty(statistics["lag"].size), level - mean
         for lag in range(rho.size):
             rho[lag] = (steady * (level - mean)) @ expected / variance
@@ -293,6 +297,7 @@ class MarkovChannel(ChannelModel, kind="markov-channel", title="meshtrace Markov
         first = int(rng.choice(self.steady_state.size, p=self.steady_state))
         uniform = rng.random(n)
         cumulative = np.cumsum(self.transition, axis=1)
+        # rounding must leave no gap above the last state
         cumulative[:, -1] = 1.0
         # the next state of each state at each step, as bytes that Python indexes fast
         following = [
@@ -336,7 +341,7 @@ class MarkovChannel(ChannelModel, kind="markov-channel", title="meshtrace Markov
 
 
 def _steady(transition: Floats) -> Floats:
-    """Return the probabilities that a chain keeps."""
+    """Return the stationary distribution of a chain."""
     m = len(transition)
     # p P = p has one equation too few: the sum of 1 closes it
     balance = np.vstack([transition.T - np.eye(m), np.ones(m)])
@@ -352,6 +357,7 @@ def _chain_errors(
     m = len(counts)
     pair = states[:-1] * m + states[1:]
     seen = np.flatnonzero(counts.ravel())
+    # there is one transition fewer than gains, and no block may be longer
     block = min(block, pair.size)
     columns = ((pair == state_pair).astype(np.float64) for state_pair in seen)
     pairs = np.zeros((m * m, _RESAMPLES))
@@ -360,9 +366,11 @@ def _chain_errors(
     row = share.sum(axis=1, keepdims=True)
     # a replicate without a state says nothing about leaving it
     p = np.divide(share, row, out=np.full_like(share, np.nan), where=row > 0.0)
+    # the variance of n blocks about their mean is too small by (n - 1) / n
     blocks = max(pair.size / block, 2.0)
     stretch = math.sqrt(blocks / (blocks - 1.0))
     left = counts.sum(axis=1, keepdims=True)
+    # no resample shows how often a thing happens that happened once; half a count keeps p off 0
     rare = (counts + 0.5) / (left + 1.0)
     binomial = np.sqrt(rare * (1.0 - rare) / left)
     often = np.minimum(counts, left - counts) >= _FEWEST_TRANSITIONS
@@ -472,17 +480,21 @@ class TransformedGaussian(
         quantile = _quantiles(g, law)
         power = _hermite_powers(quantile)
         mean = float(_WEIGHTS @ quantile)
+        # the correlation of the transformed series grows with that of z, so that a table inverts it
         grid = np.linspace(-1.0, 1.0, 2001)
-        observed, law_of = g, _transformed(grid, power)
+        observed, transformed_on_grid = g, _transformed(grid, power)
         if threshold is not None:
             require_between(threshold, 0.0, math.inf, "threshold")
+            # what is to be kept is when fades come, not how deep they are
             observed = (g < threshold * g.mean()).astype(np.float64)
             if np.ptp(observed) == 0.0:
                 raise Refused("threshold", threshold, "a gain that the series crosses")
-            law_of = _fade_correlation(grid, float(observed.mean()))
-        wanted = autocorrelation(observed, max_lag=statistics["lag"].size - 1)
-        wanted *= flat_top(autocorrelation(g, max_lag=g.size - 1))
-        gaussian = np.interp(wanted, law_of, grid)
+            transformed_on_grid = _fade_correlation(grid, float(observed.mean()))
+        target = autocorrelation(observed, max_lag=statistics["lag"].size - 1)
+        # tapered to 0, as a correlation that is cut off has negative power
+        target *= flat_top(autocorrelation(g, max_lag=g.size - 1))
+        gaussian = np.interp(target, transformed_on_grid, grid)
+        # a period in which the correlation does not meet its own copy
         size = 8 * gaussian.size
         realizable = np.fft.irfft(_spectrum(gaussian, size), size)[: gaussian.size]
         rho = _transformed(realizable, power)
@@ -503,6 +515,7 @@ class TransformedGaussian(
     def _drawn(self, n: int, rng: np.random.Generator) -> Floats:
         from scipy import fft
 
+        # a transform is periodic: the surplus keeps the end of the series apart from its start
         size = fft.next_fast_len(n + self.gaussian_autocorrelation.size, real=True)
         white = fft.rfft(rng.standard_normal(size))
         white *= np.sqrt(_spectrum(self.gaussian_autocorrelation, size))
@@ -527,8 +540,10 @@ def _quantiles(g: Floats, law: GeneratedLaw) -> Floats:
         below = (np.arange(g.size) + 0.5) / g.size
         return np.interp(_SCORES, special.ndtri(below), np.sort(g))
     fitted = fit_gamma_gamma(g, n_effective=effective_samples(g))
+    # over ln h, since the law has no closed inverse and its lower tail spans decades
     log_h = np.linspace(-16.0, 6.0, 8192)
     below = fitted.law.cdf(fitted.parameters["mean"] * np.exp(log_h))
+    # where the distribution function has digits left, and grows
     inside = (below > 1e-8) & (below < 1.0 - 1e-8) & (np.diff(below, prepend=-1.0) > 0.0)
     log_quantile = np.interp(_SCORES, special.ndtri(below[inside]), log_h[inside])
     return fitted.parameters["mean"] * np.exp(log_quantile)
@@ -545,12 +560,12 @@ def _hermite_powers(quantile: Floats) -> Floats:
 
 
 def _transformed(rho: Floats, power: Floats) -> Floats:
-    """Return the correlation of the transformed series for one of the Gaussian series."""
+    """Map correlations of the Gaussian series to those of the transformed series."""
     return rho * np.polynomial.polynomial.polyval(rho, power)
 
 
 def _fade_correlation(rho: Floats, share: float) -> Floats:
-    """Return the correlations of fades of a share of the time by the Gaussian correlations.
+    """Map Gaussian correlations to those of the indicator of fades that fill `share` of the time.
 
     `rho` are equally spaced from -1 to 1; the angle arcsin(rho) takes the poles from the integral.
     """

@@ -5,278 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Annotated, Any, NamedTuple, Unpack
+from typing import Annotated, Any, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshtrace import MeshSource, TriangleMesh
+from meshtrace.apps.predictions import OF_DETECTOR, SCALE, Prediction, Predictor, read_measurements
 from meshtrace.checks import check_call
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_array,
-    require_between,
-    require_keys,
-    require_names,
-    require_pair,
-    within,
-)
+from meshtrace.errors import Refused, require_keys, require_names, require_pair
 from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.scenario import Scenario
-from meshtrace.stored import SHIFTS, Stored, Variable
+from meshtrace.stored import Stored, Variable
 from meshtrace.studies import Variant
-from meshtrace.studies.background import Lights, electronics_of, light_of
-from meshtrace.studies.campaign import Campaign, campaign_of
-from meshtrace.studies.cluster import Restored
+from meshtrace.studies.background import electronics_of, light_of
+from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.keys import Parameter, parameters
-from meshtrace.studies.neighbours import (
-    WATER,
-    Light,
-    Neighbours,
-    Quantity,
-    has_moments,
-    in_water,
-    moments,
-)
-from meshtrace.studies.response import Responses
-from meshtrace.studies.store import digest_of
+from meshtrace.studies.neighbours import WATER
 from meshtrace.surfaces import FlatSea
 from meshtrace.tables import text_table
-
-OF_DETECTOR = ("power", "ber")
-"""Measurements behind the optics: received power [W], and bit error rate."""
-
-SCALE = "scale"
-"""Unknown factor of all measurements: the calibration of the receiver."""
-
-_SCALE = Parameter(SCALE, 1.0, "1", absolute=False, origin=0.0, step=1.0, usual=1.0)
-_LARGEST = 64  # measurements whose chains are kept
-_LIGHTS = 3  # of each: the base and the sides of a difference
-_STEP = 0.01  # of differences in the logarithm
-
-
-class Measurements(NamedTuple):
-    """Gains, counts, powers or error rates with errors, and the keys that belong to each."""
-
-    value: Floats  # (n,)
-    stderr: Floats  # (n,) nan of counts, which follow the law of Poisson
-    keys: list[dict[str, Any]]  # (n,) values by dotted key
-    names: list[str]  # (n,) quantities
-
-    @property
-    def counted(self) -> NDArray[np.bool_]:
-        """Whether each measurement is a count."""
-        return np.isnan(self.stderr)
-
-
-def read_measurements(source: Any) -> Measurements:
-    """Return measurements from rows, or from a table of columns.
-
-    Raises
-    ------
-    Refused
-        If a value or an error is missing or not above 0, or no count is.
-    """
-    table = _rows(source)
-    if not table:
-        raise Refused("measurements", Described("empty"), "at least one")
-    values, errors, keys, names = [], [], [], []
-    for i, row in enumerate(table):
-        rest, path = dict(row), f"measurements[{i}]"
-        if "counts" in rest and "stderr" not in rest and "gain" not in rest:
-            name, counts = "counts", rest.pop("counts")
-            allowed = "a number >= 0"
-            values.append(require_between(counts, 0.0, math.inf, f"{path}.counts", "[)", allowed))
-            errors.append(math.nan)
-        else:
-            name = next((k for k in ("gain", "counts", *OF_DETECTOR) if k in rest), "gain")
-            for key, numbers in ((name, values), ("stderr", errors)):
-                value, allowed = rest.pop(key, None), "a number > 0"
-                numbers.append(
-                    require_between(value, 0.0, math.inf, f"{path}.{key}", allowed=allowed)
-                )
-        keys.append(rest)
-        names.append(name)
-    if not any(values):
-        raise Refused("measurements.counts", Described("all 0"), "a count > 0 in one of them")
-    return Measurements(np.array(values), np.array(errors), keys, names)
-
-
-def _rows(source: Any) -> list[Mapping[str, Any]]:
-    """Return the rows of a table of columns, or those given."""
-    if isinstance(source, Mapping) or hasattr(source, "columns"):
-        if not all(isinstance(key, str) for key in source):
-            raise Refused("measurements", Described("a column without name"), "texts as keys")
-        columns = {
-            key: np.atleast_1d(
-                require_array(source[key], f"measurements.{key}", "a column of values", None)
-            ).tolist()
-            for key in source
-        }
-        n = max((len(column) for column in columns.values()), default=0)
-        uneven = [key for key, column in columns.items() if len(column) not in (1, n)]
-        if uneven:
-            raise Refused(f"measurements.{uneven[0]}", Described("too short"), f"{n} values")
-        return [{k: c[i % len(c)] for k, c in columns.items()} for i in range(n)]
-    if isinstance(source, Sequence) and all(isinstance(row, Mapping) for row in source):
-        return list(source)
-    raise Refused("measurements", Described(type(source).__name__), "rows, or a table")
-
-
-class Prediction(NamedTuple):
-    """Predicted measurements with their derivatives and errors."""
-
-    log: Floats  # (n,) ln of the measurement
-    slope: Floats  # (n, unknowns) its derivatives by ln p, or by p for offsets and angles
-    covariance: Floats  # (n, n) of the logarithms, by the chains
-
-
-class Predictor(Restored):
-    """Predictions of all measurements with common chains.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The link, the surface and the options.
-    start : Variant
-        The link with its detector and daylight at the starting values.
-    data : Measurements
-        Measurements with the keys that belong to each.
-    unknowns : list of Parameter
-        Unknown parameters of the link, and the scale; a and b of uniform water weigh the arrivals
-        again.
-    """
-
-    def __init__(
-        self, campaign: Campaign, start: Variant, data: Measurements, unknowns: list[Parameter]
-    ) -> None:
-        self.inputs = (campaign.alone, start, data, unknowns)
-        self._campaign, self._names = campaign, data.names
-        self._lights, self._rates = Lights(campaign), Quantity("ber", 1e-3)
-        self._of_link = np.array([p.name != SCALE for p in unknowns])
-        self._unknowns = [p for p in unknowns if p.name != SCALE]
-        self._starts = []
-        for i, (row, name) in enumerate(zip(data.keys, data.names, strict=True)):
-            at = start
-            if name in OF_DETECTOR and start.detector is None:
-                raise Refused(f"measurements[{i}].{name}", Described("no [detector]"), "a detector")
-            with within("measurements", i):
-                for key, value in row.items():
-                    at = at.set(key, value)
-            ends = len(at.link.receivers)
-            if ends != 1:
-                raise Refused("receiver", Described(f"{ends} apertures"), "one aperture")
-            self._starts.append(at)
-        self._quick = has_moments(start.link)
-        alone = campaign.alone
-        self._near = lru_cache(_LARGEST)(lambda i: Neighbours(alone.for_link(self._starts[i].link)))
-        self._light = lru_cache(_LIGHTS * _LARGEST)(
-            lambda i, x: self._near(i).arrivals(self._at(i, x).link, 0)[0]
-        )
-        self._responses = lru_cache(_LARGEST)(
-            lambda i: Responses(
-                lambda at: [self._near(i).arrivals(at.link, 0)[0]], self._starts[i], aligned=True
-            )
-        )
-        known = [at.link.model_dump(mode="json") for at in self._starts]
-        names = [p.name for p in self._unknowns]
-        self._identity = {"measured": digest_of(known), "unknown": names}
-
-    def at(self, x: Floats) -> Prediction:
-        """Return the predictions at a point: ln(p / start), or p - start for offsets and angles."""
-        point = tuple(x[self._of_link].tolist())
-        steps = [(i, *point) for i in range(len(self._starts))]
-        each = self._campaign.evaluate(
-            lambda: self._one, steps, "predictions", self._identity,
-            lambda step: (SHIFTS + len(point),),
-        )  # fmt: skip
-        gains = np.array(list(each))
-        shifts, slopes = gains[:, :SHIFTS], gains[:, SHIFTS:]
-        means = shifts.mean(axis=1)
-        off = shifts / means[:, None] - 1.0
-        # groups of chains are independent, and common to all predictions: so are their errors
-        covariance = off @ off.T / (SHIFTS * (SHIFTS - 1))
-        by_all = np.ones((len(gains), len(x)))
-        by_all[:, self._of_link] = slopes
-        prediction = Prediction(np.log(means) + x[~self._of_link].sum(), by_all, covariance)
-        behind = any(name in OF_DETECTOR for name in self._names)
-        return self._detected(point, prediction) if behind else prediction
-
-    def _detected(self, x: tuple[float, ...], gains: Prediction) -> Prediction:
-        """Return the predicted powers and error rates from predicted gains.
-
-        d ln q / dx = (d ln q / d ln g) (d ln g / dx) + (d ln q / dx at a fixed gain)
-        """
-        n = len(self._starts)
-        logs, growth, slopes = gains.log.copy(), np.ones(n), np.zeros((n, len(x)))
-        for i, gain in enumerate(gains.log):
-            logs[i] = self._of_gain(i, x, gain)
-            low, high = (self._of_gain(i, x, gain + step) for step in (-_STEP, _STEP))
-            growth[i] = (high - low) / (2.0 * _STEP)
-            for k in range(len(x)):
-                (below, above), width = self._sides(x, k)
-                slopes[i, k] = self._of_gain(i, above, gain) - self._of_gain(i, below, gain)
-                slopes[i, k] /= 2.0 * width
-        slope = growth[:, None] * gains.slope
-        slope[:, self._of_link] += slopes
-        return Prediction(logs, slope, gains.covariance * np.outer(growth, growth))
-
-    def _sides(self, x: tuple[float, ...], k: int) -> tuple[list[tuple[float, ...]], float]:
-        """Return the points at a step of one unknown to either side, and the step."""
-        p = self._unknowns[k]
-        width = p.step if p.absolute else _STEP
-        return [(*x[:k], x[k] + side * width, *x[k + 1 :]) for side in (-1.0, 1.0)], width
-
-    def _of_gain(self, i: int, x: tuple[float, ...], log_gain: float) -> float:
-        """Return the logarithm of a measurement at a gain."""
-        name, at = self._names[i], self._at(i, x)
-        if name not in OF_DETECTOR or at.detector is None:
-            return log_gain
-        power = log_gain + math.log(float(at.detector.received_power(1.0)))
-        receiver = self._lights.exposed(self._responses(i).behind(at)) if name == "ber" else None
-        return power if receiver is None else float(self._rates.law(receiver)(np.array([power]))[0])
-
-    def _one(self, step: tuple[Any, ...]) -> Floats:
-        """Return gains by shift and logarithmic slopes of one measurement."""
-        number, *values = step
-        x = tuple(values)
-        gains = self._gains(number, x)
-        slopes = np.zeros(len(x))  # none by keys behind the light
-        for i, p in enumerate(self._unknowns):
-            if self._quick and p.name in WATER:
-                change = moments(*self._weighed(number, x))[WATER.index(p.name)]
-                slopes[i] = change.mean() / gains.mean()
-            elif p.name.split(".")[0] not in ("detector", "daylight"):
-                sides, width = self._sides(x, i)
-                low, high = (self._gains(number, side).mean() for side in sides)
-                slopes[i] = math.log(high / low) / (2.0 * width)
-        return np.concatenate([gains, slopes])
-
-    def _gains(self, number: int, x: tuple[float, ...]) -> Floats:
-        _, arrivals = self._weighed(number, x)
-        gains = arrivals.by_shift(np.ones(len(arrivals.weight)))
-        if not gains.mean() > 0.0:
-            raise Refused("measurements", Described("a dark link"), "links with light")
-        return gains
-
-    def _weighed(self, number: int, x: tuple[float, ...]) -> tuple[Link, Light]:
-        """Return a measured link at a point of the unknowns, and its light."""
-        quick = [self._quick and p.name in WATER for p in self._unknowns]
-        traced = tuple(None if q else step for q, step in zip(quick, x, strict=True))
-        link, arrivals = self._at(number, x).link, self._light(number, traced)
-        old, new = self._at(number, traced).link.water, link.water
-        same = (old.a, old.b) == (new.a, new.b)
-        return link, arrivals if same else in_water(arrivals, old, new)
-
-    def _at(self, number: int, x: tuple[float | None, ...]) -> Variant:
-        """Return a measured link with the unknowns that have a value."""
-        pairs = zip(self._unknowns, x, strict=True)
-        values = ((p, p.moved(step)) for p, step in pairs if step is not None)
-        return self._starts[number].at(values)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -374,6 +122,7 @@ class Inference(Stored, kind="inference", title="meshtrace inference"):
 DEFAULT_CHAINS = 4096
 """Chains of the prediction of each measurement."""
 
+_SCALE = Parameter(SCALE, 1.0, "1", absolute=False, origin=0.0, step=1.0, usual=1.0)
 _FARTHEST = 5.0  # of a logarithm from its start
 _ANY_SCALE = 100.0  # of the logarithm of the scale
 _UNKNOWN = 1.0  # relative standard error beyond which no value is quoted
@@ -458,6 +207,7 @@ def infer(
     '0.11'
     """
     data = read_measurements(measurements)
+    # measurements of tanks and lakes are of still water; waves are asked for
     if surface is None and not isinstance(link, Scenario):
         surface = FlatSea()
     options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
@@ -466,37 +216,32 @@ def infer(
     keys = [name for name in names if name != SCALE]
     variant = Variant(campaign.link, campaign.surface)
     detector = electronics_of(campaign, getattr(campaign.scenario, "detector", None), None)
+    # measured gains say nothing about a detector, whose background takes time
     if detector is not None and set(data.names) & set(OF_DETECTOR):
         variant = variant._replace(detector=detector, daylight=light_of(campaign, None))
     of_keys = parameters(variant, keys, None, "vertex", "unknown") if keys else []
     for p in of_keys:
+        # every gain of the sea needs another mesh, which common chains do not share
         if p.name.split(".")[0] in ("sea", "wind_speed"):
             raise Refused("unknown", p.name, "keys of link, detector and daylight, or scale")
     of_link = iter(of_keys)
     unknowns = [_SCALE if name == SCALE else next(of_link) for name in names]
-    priors = _priors(prior, names, unknowns)
+    slope, target = _priors(prior, names, unknowns)
     if not names or len(set(names)) < len(names):
         raise Refused("unknown", names, "one or more names, each once")
-    known = len(data.value) + len(priors.target)
+    known = len(data.value) + len(target)
     if len(names) > known:
         raise Refused("unknown", names, f"at most {known}: measurements and priors")
-    fit = _Fit(data, names, unknowns, priors, Predictor(campaign, variant, data, unknowns))
+    model = Predictor(campaign, variant, data, unknowns)
     with campaign.workers():
-        return fit.result(campaign.provenance())
+        return _Fit(model, names, unknowns, slope, target).result(campaign.provenance())
 
 
-class _Priors(NamedTuple):
-    """Knowledge of unknowns in the coordinates of the fit: slope @ x = target, with error 1."""
-
-    slope: Floats  # (priors, n)
-    target: Floats  # (priors,)
-
-
-def _priors(prior: Any, names: list[str], unknowns: list[Parameter]) -> _Priors:
-    """Return the priors in the coordinates of the fit."""
+def _priors(prior: Any, names: list[str], unknowns: list[Parameter]) -> tuple[Floats, Floats]:
+    """Return the priors in the coordinates of the fit: slope @ x = target, with error 1."""
     table = {} if prior is None else prior
     require_keys(table, names, "prior")
-    priors = _Priors(np.zeros((len(table), len(names))), np.zeros(len(table)))
+    slope, target = np.zeros((len(table), len(names))), np.zeros(len(table))
     for i, (name, pair) in enumerate(table.items()):
         mean, std = require_pair(pair, f"prior.{name}", "(mean, std), std > 0")
         axis = names.index(name)
@@ -504,23 +249,26 @@ def _priors(prior: Any, names: list[str], unknowns: list[Parameter]) -> _Priors:
         if not std > 0.0 or not (mean > 0.0 or p.absolute):
             raise Refused(f"prior.{name}", pair, "(mean, std), std > 0")
         off = mean - (p.base if p.absolute else p.origin)
+        # of a logarithm the error is the relative one
         mean, std = (off, std) if p.absolute else (math.log(off / p.scale), std / off)
-        priors.slope[i, axis], priors.target[i] = 1.0 / std, mean / std
-    return priors
+        slope[i, axis], target[i] = 1.0 / std, mean / std
+    return slope, target
 
 
-class _Fit(NamedTuple):
-    """Least squares for the unknowns, given by their names and as parameters."""
+class _Fit:
+    """Least-squares fit of the unknowns; priors count as further measurements (`_priors`)."""
 
-    data: Measurements
-    names: list[str]
-    unknowns: list[Parameter]
-    priors: _Priors
-    model: Predictor
+    def __init__(
+        self, model: Predictor, names: list[str], unknowns: list[Parameter], slope: Floats,
+        target: Floats,
+    ) -> None:  # fmt: skip
+        self.model, self.data, self.names, self.unknowns = model, model.data, names, unknowns
+        self._slope, self._target = slope, target
 
     def _variance(self, prediction: Prediction) -> Floats:
         """Return the variances of ln gain by the measurements, Poisson's for counts."""
         # the variance of a logarithm is the relative variance; of counts it is 1 / mean
+        # of counts the standard error is nan here, and not used
         relative = np.square(self.data.stderr / np.maximum(self.data.value, 1e-300))
         return np.where(self.data.counted, np.exp(-prediction.log), relative)
 
@@ -540,29 +288,29 @@ class _Fit(NamedTuple):
         from scipy.optimize import least_squares
 
         sigma = self._sigma(last)
-        counted = self.data.counted
-        slope, target = self.priors
 
         def residuals(x: Floats) -> Floats:
             off = self._residuals(self.model.at(x).log, last.log)
-            return np.concatenate([off / sigma, slope @ x - target])
+            return np.concatenate([off / sigma, self._slope @ x - self._target])
 
         def jacobian(x: Floats) -> Floats:
             prediction = self.model.at(x)
-            growth = np.where(counted, np.exp(prediction.log - last.log), 1.0)
-            return np.concatenate([prediction.slope * (growth / sigma)[:, None], slope])
+            growth = np.where(self.data.counted, np.exp(prediction.log - last.log), 1.0)
+            return np.concatenate([prediction.slope * (growth / sigma)[:, None], self._slope])
 
+        # beyond these a prediction is dark or overflows, from which no step leads back
         far = [100.0 * p.step if p.absolute else _FARTHEST for p in self.unknowns]
         limits = np.where([name == SCALE for name in self.names], _ANY_SCALE, far)
         bounds = -limits, limits
-        least = least_squares(residuals, x0, jac=jacobian, bounds=bounds, x_scale="jac")
-        solution: Floats = least.x
-        return solution
+        return np.asarray(
+            least_squares(residuals, x0, jac=jacobian, bounds=bounds, x_scale="jac").x
+        )
 
     def result(self, origin: dict[str, Any]) -> Inference:
-        """Return the fit, with the identifiability at its start."""
+        """Fit the unknowns and assess their identifiability at the start."""
         x = np.zeros(len(self.names))
         first = self.model.at(x)
+        # without this start a wrong scale would look like wrong water
         if SCALE in self.names:  # one with the right mean
             positive = self.data.value > 0.0
             off = np.log(self.data.value[positive]) - first.log[positive]
@@ -580,11 +328,12 @@ class _Fit(NamedTuple):
                 break
         covariance, after = self._covariance(last)
         off = self._residuals(last.log, last.log) / self._sigma(last)
-        beside = self.priors.slope @ x - self.priors.target
+        beside = self._slope @ x - self._target
         absolute = np.array([p.absolute for p in self.unknowns])
         moves = list(zip(self.unknowns, x, strict=True))
         values = [p.moved(step) for p, step in moves]
         scales = [1.0 if p.absolute else abs(p.scale) * math.exp(step) for p, step in moves]
+        # an error of a logarithm beyond 1 leaves not even the order of magnitude
         hidden = ~absolute & ((before > _UNKNOWN) | (after > _UNKNOWN))
         return Inference(
             unknown=tuple(self.names),
@@ -611,7 +360,7 @@ class _Fit(NamedTuple):
         sigma = self._sigma(last)
         whitened = last.slope / sigma[:, None]
         noise = (np.diag(self._variance(last)) + last.covariance) / np.outer(sigma, sigma)
-        known = self.priors.slope.T @ self.priors.slope
+        known = self._slope.T @ self._slope
         information, spread = whitened.T @ whitened + known, whitened.T @ noise @ whitened + known
         # directions that no measurement tells would have infinite variance
         inverse = np.linalg.pinv(information, rcond=_LEAST**2, hermitian=True)
@@ -620,7 +369,7 @@ class _Fit(NamedTuple):
 
 
 def _relative(singular: Floats, directions: Floats) -> Floats:
-    """Return the standard errors of the unknowns without priors, infinite if undetermined."""
+    """Return the relative standard errors without priors, infinite where undetermined."""
     n = directions.shape[1]
     known = np.zeros(n)
     known[: len(singular)] = np.where(singular > _LEAST * singular[0], singular, 0.0)
@@ -633,7 +382,8 @@ def _relative(singular: Floats, directions: Floats) -> Floats:
 
 
 def _words(names: list[str], absolute: Any, singular: Floats, directions: Floats) -> str:
-    """Return the combination that the measurements determine least, in words."""
+    """Describe the combination of unknowns that the measurements determine least."""
+    # the least singular value belongs to the change that the measurements hardly see
     v = directions[-1] / directions[-1][int(np.abs(directions[-1]).argmax())]
     step, parts = 0.1, []
     for i in np.argsort(-np.abs(v)):

@@ -6,14 +6,14 @@ import math
 from collections.abc import Callable
 from functools import lru_cache, partial
 from time import process_time
-from typing import Annotated, Any, Literal, NamedTuple, Unpack, cast
+from typing import Annotated, Any, Literal, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 from scipy.special import j1
 
-from meshtrace import IrradianceMap, IrradianceSeries, Meshing, background, simulate
+from meshtrace import GainResult, IrradianceMap, IrradianceSeries, Meshing, background, simulate
 from meshtrace.checks import check_call
 from meshtrace.daylight import Daylight
 from meshtrace.daylight.light import (
@@ -22,13 +22,8 @@ from meshtrace.daylight.light import (
     land_sunlight,
     refracted_sun,
 )
-from meshtrace.engine.setup.options import RunOptions, StudyOptions, require_options
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_finite,
-    require_pair,
-)
+from meshtrace.engine.setup.options import RunOptions, require_options
+from meshtrace.errors import Described, Refused, require_finite, require_pair
 from meshtrace.fading import fading_band
 from meshtrace.link import AirLed, IrradiancePlanes, Link, Sun, WaterReceiver
 from meshtrace.models import Floats
@@ -146,41 +141,39 @@ def irradiance_series(
     if (depths <= 0.0).any():
         raise Refused("depths", depths, "at least one depth > 0 [m]")
     times = require_finite(times, "times", "at least one time [s]")
-    disk = _collector(collector, below, patch, fineness)
+    disk = Collector(0.5 * collector, below == "waves", patch, fineness)
     require_options(run, RunOptions)
     for name in ("mesh", *Meshing.model_fields):
         if (value := dict(run).get(name)) is not None:
             raise Refused(name, value, "none: the points follow from the waves")
     sea, bands = _resolved(sea, depths, disk, water)
-    options: dict[str, Any] = {**of_run, "photons": photons, "workers": workers, **run}
-    campaign = campaign_of(Link(water=water), sea, "irradiance_series", cast(StudyOptions, options))
-    ray, seed, plans = SunRay.of_day(daylight, water), campaign.run.seed, []
-    for depth, band in zip(depths.tolist(), bands, strict=True):
-        scattered = scattered_light(ray, depth, photons, seed)
-        plans.append(DepthPlan(sea, ray, depth, band, disk, scattered))
+    options: Any = of_run | {"photons": photons, "workers": workers} | dict(run)
+    campaign = campaign_of(Link(water=water), sea, "irradiance_series", options)
+    ray, seed = SunRay(daylight, water), campaign.run.seed
+    plans = [
+        DepthPlan(sea, ray, depth, band, disk, ScatteredLight(ray, depth, photons, seed))
+        for depth, band in zip(depths.tolist(), bands, strict=True)
+    ]
     ready = process_time()
     described = {"collector": collector, "below": below, "fineness": fineness, "photons": photons}
-    identity = {
-        **described,
-        "daylight": daylight.model_dump(mode="json"),
-        "depths": depths.tolist(),
-        "patch": patch,
+    day = daylight.model_dump(mode="json")
+    identity = described | {
+        "daylight": day, "depths": depths.tolist(), "patch": patch,
         "times": digest_of(times.tolist()),
-    }
+    }  # fmt: skip
     setup = partial(_frames, plans, times)
     cells = 0 if disk.cells is None else len(disk.cells)
     shape = ((2 + cells**2) * len(depths),)
-    steps = campaign.evaluate(
-        setup, range(len(times)), "frames", identity, lambda step: shape, "frames"
-    )
+    numbers = range(len(times))
+    steps = campaign.evaluate(setup, numbers, "frames", identity, lambda step: shape, "frames")
     frames = np.array(list(steps))
     total, direct, pattern = np.split(frames, [len(depths), 2 * len(depths)], axis=1)
     origin = {
         "environment": environment(),
         "surface": sea.to_config(),
-        "daylight": identity["daylight"],
+        "daylight": day,
         "water": water.model_dump(mode="json"),
-        "run": {**described, "seed": seed},
+        "run": described | {"seed": seed},
         "omega_max": bands,
         "surface_points": [plan.points for plan in plans],
         "spacing": [plan.spacing for plan in plans],
@@ -197,7 +190,7 @@ def irradiance_series(
 def _inputs(
     surface: Surface | Scenario, day: Daylight | None, water: Water | None
 ) -> tuple[Surface, Daylight, Water, dict[str, Any]]:
-    """Return sea, light, water and options of a scenario, or those given; refuse unfit ones."""
+    """Return the checked sea, daylight, water and run options, taken from a scenario if needed."""
     link, sea, options = Link(), cast(Any, surface), dict[str, Any]()
     if isinstance(surface, Scenario):
         link, sea = surface.link, surface.case().surface
@@ -206,8 +199,10 @@ def _inputs(
     water = link.water if water is None else water
     if day is None:
         nm = link.transmitters[0].wavelength_nm
-        clear = default_irradiance(30.0, nm)._asdict()
-        day = Daylight(**clear, wavelength_nm=nm, light="clear sky")
+        clear = default_irradiance(30.0, nm)
+        day = Daylight(
+            direct=clear.direct, diffuse=clear.diffuse, wavelength_nm=nm, light="clear sky"
+        )
     if not isinstance(sea, Surface) or getattr(sea, "choppy", False):
         kind = "choppy" if isinstance(sea, Surface) else type(sea).__name__
         raise Refused("surface", Described(kind), "a sea (Surface) that is a height field")
@@ -218,18 +213,6 @@ def _inputs(
     return sea, day, water, options
 
 
-def _collector(
-    diameter: float, below: str, patch: tuple[float, float] | None, fineness: float
-) -> Collector:
-    """Return the collector, checked."""
-    if patch is not None:
-        allowed = "half-length and edge of a cell [m]"
-        half, edge = require_pair(patch, "patch", allowed)
-        if not 0.0 < edge <= half:
-            raise Refused("patch", patch, f"{allowed}, 0 < edge <= half")
-    return Collector(0.5 * diameter, below == "waves", patch, fineness)
-
-
 def _resolved(
     surface: Surface, depths: Floats, collector: Collector, water: Water
 ) -> tuple[Surface, list[float | None]]:
@@ -237,17 +220,19 @@ def _resolved(
     whole: Any = getattr(surface, "for_fading", None)
     if whole is None:
         return surface, [None] * len(depths)
+    # a lamp far above gives the parallel light of the sun, for which `fading_band` has the lever
     lamp = AirLed(height=_SUN_HEIGHT, half_angle_deg=60.0)
     bands: list[float | None] = []
     for depth in depths:
         disk = WaterReceiver(depth=depth, radius=collector.radius, fov_deg=180.0)
         bands.append(fading_band(Link(transmitter=lamp, receiver=disk, water=water), whole))
+    # one sea for all depths: short waves matter at the shallowest, and their slopes blur at others
     resolved: Surface = whole.model_copy(update={"omega_max": max(filter(None, bands))})
     return resolved, bands
 
 
 def _frames(plans: list[DepthPlan], times: Floats) -> Callable[[int], Floats]:
-    """Return the function that gives the numbers of a frame by its number, in a row.
+    """Return a function that computes the row of results of frame i.
 
     Irradiance and its unscattered part at each depth, then the patterns.
     """
@@ -260,47 +245,49 @@ def _frames(plans: list[DepthPlan], times: Floats) -> Callable[[int], Floats]:
     return frame
 
 
-class SunRay(NamedTuple):
-    """Unscattered sunlight below still water."""
+class SunRay:
+    """Unscattered sunlight of a day below still water.
 
-    day: Daylight
-    water: Water
-    n: float  # of the water, relative to the air
-    inside: Floats  # unit vector to the sun, in the water
-    entering: float  # irradiance that enters the water [W m-2 nm-1]
+    Attributes
+    ----------
+    n : float
+        Index of the water, relative to the air.
+    inside : ndarray, shape (3,)
+        Unit vector to the sun, in the water.
+    entering : float
+        Irradiance that enters the water [W m-2 nm-1].
+    """
 
-    @classmethod
-    def of_day(cls, day: Daylight, water: Water) -> SunRay:
-        """Return the sunlight of a day in a water."""
-        n = water.n / Link().n_air
-        inside, across = refracted_sun(day, n)
-        return cls(day, water, n, inside, across * float(inside[2]))
+    def __init__(self, day: Daylight, water: Water) -> None:
+        self.day, self.water, self.n = day, water, water.n / Link().n_air
+        self.inside, across = refracted_sun(day, self.n)
+        self.entering = across * float(self.inside[2])
 
     def at(self, depth: float) -> float:
         """Return the downward irradiance at a depth [W m-2 nm-1]."""
         return self.entering * math.exp(-self.water.c / self.inside[2] * depth)
 
     def entry(self, depth: float) -> tuple[float, float]:
-        """Return the point of the surface from which light comes to a depth below the origin."""
+        """Return where on the surface the ray enters that passes below the origin at a depth."""
         x, y, z = self.inside.tolist()
         return depth * x / z, depth * y / z
 
     def lever(self, depth: float) -> float:
-        """Return the displacement of the light at a depth by a unit of slope [m]."""
+        """Return the displacement at a depth per unit of surface slope [m]."""
         cosine = float(self.inside[2])
         # derivative of Snell's law by the slope: the ray turns by (1 - cos_i / (n cos_t))
         return depth * (1.0 - self.day.sun[2] / (self.n * cosine)) / cosine**2
 
     def disk(self, depth: float) -> tuple[float, float]:
-        """Return the half-axes of the image of the sun at a depth, along and across its light."""
+        """Return the half-axes of the sun's image at a depth, along and across its azimuth [m]."""
         cosine = float(self.inside[2])
         # refraction shrinks the angle by 1 / n, and along the light by the ratio of cosines, too
         across = math.radians(SUN_RADIUS_DEG) * depth / (self.n * cosine)
         return across * self.day.sun[2] / cosine**2, across
 
 
-class Collector(NamedTuple):
-    """Disk whose irradiance is computed, and the patch about it.
+class Collector:
+    """Disk whose irradiance is computed, and the patch about it, checked.
 
     Parameters
     ----------
@@ -314,31 +301,23 @@ class Collector(NamedTuple):
         Factor on the number of surface points along an axis.
     """
 
-    radius: float
-    floating: bool
-    patch: tuple[float, float] | None
-    fineness: float
-
-    @property
-    def cells(self) -> Floats | None:
-        """Centres of the cells of the patch along an axis [m]."""
-        if self.patch is None:
-            return None
-        half, step = self.patch
-        n = math.ceil(half / step - 1e-9)
-        return step * (np.arange(2 * n + 1.0) - n)
-
-
-class _Scattered(NamedTuple):
-    """Light at a depth that is not unscattered sunlight."""
-
-    sunlight: float
-    spread: Callable[[float, int], Floats] | None  # shares on the cells about the unscattered ray
-    sky: float
+    def __init__(
+        self, radius: float, floating: bool, patch: tuple[float, float] | None, fineness: float
+    ) -> None:
+        self.radius, self.floating, self.patch, self.fineness = radius, floating, patch, fineness
+        self.cells: Floats | None = None  # centres along an axis of the patch [m]
+        if patch is None:
+            return
+        allowed = "half-length and edge of a cell [m]"
+        half, edge = require_pair(patch, "patch", allowed)
+        if not 0.0 < edge <= half:
+            raise Refused("patch", patch, f"{allowed}, 0 < edge <= half")
+        n = math.ceil(half / edge - 1e-9)
+        self.cells = edge * (np.arange(2 * n + 1.0) - n)
 
 
 class DepthPlan:
-    """Light at a depth, as far as all times share it.
+    """Quantities at one depth that do not change with time.
 
     It lands on square cells of a plane, from points of the surface on lines `x` and `y`. Kernels
     are the shares of the light of a cell in the irradiance at the collector.
@@ -355,13 +334,13 @@ class DepthPlan:
         Highest frequency of the waves [rad s-1]; all waves by default.
     collector : Collector
         Disk and patch.
-    scattered : _Scattered
+    scattered : ScatteredLight
         Other light at the depth.
     """
 
     def __init__(
         self, sea: Surface, ray: SunRay, depth: float, band: float | None, collector: Collector,
-        scattered: _Scattered,
+        scattered: ScatteredLight,
     ) -> None:  # fmt: skip
         self.sea, self.ray, self.depth, self.collector = sea, ray, depth, collector
         self.scattered, self.still = scattered, ray.at(depth)
@@ -373,51 +352,56 @@ class DepthPlan:
             missing = sea.unresolved_slopes(fine)
             tilts = lever * np.sqrt((0.0, 0.0) if missing is None else missing.vertex)
         trough = 0.0 if collector.floating else _SLOPES * sizes.height
+        # a collector that comes out of the water has no irradiance below it
         if trough >= depth:
             allowed = f'> {trough:.3g} m, below all troughs, or below = "waves"'
             raise Refused("depths", depth, allowed)
-        bent = _SLOPES * lever * min(sizes.slope, 0.4) + math.hypot(*ray.entry(trough))
-        self._place(tilts, sizes.spacing, bent)
+        # light enters aside of the cells: bent by a steep slope, or on a slant from above z = 0
+        displacement = _SLOPES * lever * min(sizes.slope, 0.4) + math.hypot(*ray.entry(trough))
+        self._place(tilts, sizes.spacing, displacement)
         self._blur(tilts)
         self._waves, self._grid = sizes.waves, None
         if self._waves is not None:
             first = self.x[: self._lines], self.y[: self._lines]
             self._grid = WaveGrid(self._waves.kx, self._waves.ky, *first, _ERROR)
 
-    def _place(self, tilts: Floats, finest: float, bent: float) -> None:
-        """Choose the points of the surface and the cells, for waves that bend light by `bent`."""
+    def _place(self, tilts: Floats, finest: float, displacement: float) -> None:
+        """Choose surface points and cells; light may be displaced by up to `displacement` [m]."""
         disk, patch, radius = self.ray.disk(self.depth), self.collector.patch, self.collector.radius
         blur = math.sqrt(0.25 * radius**2 + 0.25 * disk[1] ** 2 + tilts.max() ** 2)
         cell = blur / _CELLS
         if patch is not None:
+            # whole numbers of cells make an edge of the patch
             cell = patch[1] / math.ceil(patch[1] / cell)
         spacing = min(blur / _RAYS, finest)
         spacing = cell / math.ceil(self.collector.fineness * cell / spacing)  # even on still water
+        # light that lands farther off never reaches the collector
         support = radius + disk[0] + _BLURS * float(tilts.max())
-        around = 0.0 if self.scattered.spread is None else _SCATTERED * self.depth
+        around = _SCATTERED * self.depth if self.ray.water.b > 0.0 else 0.0
         half = max(support + around, 0.0 if patch is None else patch[0] + support) + 3.0 * cell
         self.cell, self.cells, self._support = cell, 2 * math.ceil(half / cell), support
-        points = 2 * math.ceil((0.5 * self.cells * cell + bent + 2.0 * spacing) / spacing) + 1
+        points = (
+            2 * math.ceil((0.5 * self.cells * cell + displacement + 2.0 * spacing) / spacing) + 1
+        )
+        # tiles of equal size share one plan of the transform
         tiles = math.ceil(points / _MOST_LINES)
         self._lines = math.ceil(points / tiles)
         points = tiles * self._lines
         if points**2 > _MOST_POINTS:
             size = Described(f"{points:,} by {points:,} points of the sea at {self.depth:g} m")
-            allowed = (
-                f"at most {_MOST_POINTS:,}: a wider collector, lower omega_max or smaller patch"
-            )
-            raise Refused("depths", size, allowed)
+            cure = "a wider collector, lower omega_max or smaller patch"
+            raise Refused("depths", size, f"at most {_MOST_POINTS:,}: {cure}")
         lines: Floats = spacing * (np.arange(points, dtype=np.float64) - points // 2)
         x, y = self.ray.entry(self.depth)
         self.x, self.y, self.points = x + lines, y + lines, points**2
 
     def _blur(self, tilts: Floats) -> None:
-        """Make the kernels of unscattered light and of the pattern of scattered light.
+        """Compute the blur kernels of unscattered and scattered light.
 
         By the way from a cell to the collector: over collector, sun's image and tilts, less the
         sharing by cells.
         """
-        n, cell, spread = self.cells, self.cell, self.scattered.spread
+        n, cell = self.cells, self.cell
         kx, ky = wavenumbers(n, n, cell)
         disk = _disk(kx, ky, self.collector.radius)
         along, across = turned(kx, ky, math.radians(self.ray.day.sun_azimuth_deg))
@@ -426,47 +410,49 @@ class DepthPlan:
         tilt = gaussian(kx, ky, tilts, math.radians(getattr(self.sea, "_slopes_along_deg", 0.0)))
         shared = (np.sinc(kx * cell / (2.0 * np.pi)) * np.sinc(ky * cell / (2.0 * np.pi))) ** 2
         blur = disk * sun * tilt / shared
-        self._wide = np.zeros((n, n), complex)
-        if spread is not None:
-            shares = np.zeros((n, n))
-            shares[1:, 1:] = spread(0.5 * (n - 1) * cell, n - 1)
-            self._wide = np.fft.fft2(np.fft.ifftshift(shares)) * disk
-        self._direct, self._follows = (
-            np.fft.fftshift(np.fft.ifft2(t.conj()).real) for t in (blur, self._wide)
+        shares = np.zeros((n, n))  # of an even number of cells: those of n - 1 have a middle
+        shares[1:, 1:] = self.scattered.shares(0.5 * (n - 1) * cell, n - 1)
+        self._scattered_transfer = np.fft.fft2(np.fft.ifftshift(shares)) * disk
+        self._direct_kernel, self._scattered_kernel = (
+            np.fft.fftshift(np.fft.ifft2(t.conj()).real) for t in (blur, self._scattered_transfer)
         )
         lines = cell * (np.arange(n) - n // 2)
         far = np.hypot(lines[:, None], lines) > self._support + cell
-        self._direct[far] = 0.0  # the ripple of a sharp edge
-        self._direct /= self._direct.sum()
-        self._transfer = np.fft.fft2(np.fft.ifftshift(self._direct))
+        self._direct_kernel[far] = 0.0  # the ripple of a sharp edge
+        self._direct_kernel /= self._direct_kernel.sum()
+        self._direct_transfer = np.fft.fft2(np.fft.ifftshift(self._direct_kernel))
 
     def at(self, time: float) -> tuple[float, float, Floats]:
         """Return irradiance, its unscattered part, and the pattern over the cells of the patch."""
-        sunlit, cells = self._landed(time), self.collector.cells
+        sunlit, cells = self._sunlight_on_cells(time), self.collector.cells
         sunlight, rest = self.scattered.sunlight, self.scattered.sky + self.scattered.sunlight
-        unscattered, follows = float((sunlit * self._direct).sum()), 0.0
+        unscattered, follows = float((sunlit * self._direct_kernel).sum()), 0.0
+        # scattered light follows the pattern of the unscattered, blurred by its own spread
         relative = sunlit / self.still - 1.0
         if sunlight > 0.0:
-            follows = float((relative * self._follows).sum())
+            follows = float((relative * self._scattered_kernel).sum())
         total = unscattered + sunlight * follows + rest
         if cells is None:
             return total, unscattered, np.zeros(0)
-        pattern = np.fft.ifft2(np.fft.fft2(sunlit) * self._transfer).real
+        pattern = np.fft.ifft2(np.fft.fft2(sunlit) * self._direct_transfer).real
         if sunlight > 0.0:
-            pattern += sunlight * np.fft.ifft2(np.fft.fft2(relative) * self._wide).real
+            pattern += (
+                sunlight * np.fft.ifft2(np.fft.fft2(relative) * self._scattered_transfer).real
+            )
+        # every nth cell is the middle of a cell of the patch
         stride = round(float(cells[1] - cells[0]) / self.cell)
         first = len(sunlit) // 2 - stride * (len(cells) // 2)
         part = slice(first, first + stride * len(cells), stride)
         return total, unscattered, pattern[part, part] + rest
 
-    def _landed(self, time: float) -> Floats:
+    def _sunlight_on_cells(self, time: float) -> Floats:
         """Return the irradiance of unscattered sunlight on the cells of a plane."""
         ray, cell = self.ray, self.cell
         weights = None if self._waves is None else elevation_and_slopes(self._waves, time)
         starts = range(0, len(self.x), self._lines)
         tiles = [(i, j) for i in starts for j in starts]
         # a single tile is evaluated once, many tiles twice where their mean height is needed
-        sheet = lru_cache(maxsize=1)(partial(self._sheet, time, weights))
+        sheet = lru_cache(maxsize=1)(partial(self._tile, time, weights))
         level = 0.0
         if self.collector.floating:
             level = float(np.mean([sheet(*tile)[0].mean() for tile in tiles]))
@@ -480,7 +466,7 @@ class DepthPlan:
             )  # fmt: skip
         return power * (ray.day.direct / cell**2)
 
-    def _sheet(
+    def _tile(
         self, time: float, weights: NDArray[np.complex128] | None, i: int, j: int
     ) -> tuple[Floats, Floats, Floats]:
         """Return heights and slopes of the tile that begins at lines i and j."""
@@ -501,47 +487,70 @@ class DepthPlan:
         return float(self.x[1] - self.x[0])
 
 
-def scattered_light(ray: SunRay, depth: float, photons: int, seed: int) -> _Scattered:
-    """Return the scattered sunlight and the light of the sky at a depth, under still water."""
-    day, water, sky = ray.day, ray.water, 0.0
-    if day.diffuse > 0.0:
-        link = Link(
-            water=water,
-            transmitter=AirLed(wavelength_nm=day.wavelength_nm),
-            receiver=WaterReceiver(depth=depth, radius=0.01, fov_deg=180.0),
-        )
-        count = 32 * max(1, photons // 32)
-        seen = background(link, FlatSea(), day, photons=count, seed=seed, threads=1)
-        sky = math.pi * float(seen.part_radiance[PARTS.index("sky")])
-    if water.b == 0.0:
-        return _Scattered(0.0, None, sky)
-    pencil = Sun(
-        zenith_deg=day.sun_zenith_deg, azimuth_deg=(day.sun_azimuth_deg + 180.0) % 360.0,
-        half_width=1e-6 * depth, position=ray.entry(depth),
-    )  # fmt: skip
-    link = Link(
-        water=water, transmitter=pencil, receiver=(), planes=IrradiancePlanes(depths=(depth,))
-    )
-    run = partial(
-        simulate, link, FlatSea(), estimator="analog", photons=photons, seed=seed, threads=1
-    )
-    level = day.direct * day.sun[2]
-    straight, planes = ray.at(depth) / level, run().planes
-    assert planes is not None
-    share = max(float(planes.e_d[0]) - straight, 0.0)
-    return _Scattered(level * share, partial(_spread, run, depth, straight, share), sky)
+class ScatteredLight:
+    """Scattered sunlight, and the light of the sky, at a depth under still water.
 
+    Attributes
+    ----------
+    sunlight, sky : float
+        Irradiances [W m-2 nm-1].
+    """
 
-def _spread(
-    run: Callable[..., Any], depth: float, straight: float, share: float, half: float, n: int
-) -> Floats:
-    """Return the shares of the scattered light on n by n cells (odd) over |x|, |y| <= half [m]."""
-    step = 2.0 * half / n
-    record = IrradianceMap(height=-depth, extent=half, step=step, axis=(0.0, 0.0, -1.0))
-    irradiances = run(record=[record]).map
-    power = np.array(irradiances.irradiance) * step**2
-    power[n // 2, n // 2] -= straight
-    return np.asarray(np.maximum(power, 0.0) / max(share, 1e-300))
+    def __init__(self, ray: SunRay, depth: float, photons: int, seed: int) -> None:
+        self._ray, self._depth, self._photons, self._seed = ray, depth, photons, seed
+        day, water = ray.day, ray.water
+        self.sunlight = self.sky = self._share = 0.0
+        if day.diffuse > 0.0:
+            link = Link(
+                water=water,
+                transmitter=AirLed(wavelength_nm=day.wavelength_nm),
+                receiver=WaterReceiver(depth=depth, radius=0.01, fov_deg=180.0),
+            )
+            # a multiple of the 32 groups of the estimator
+            count = 32 * max(1, photons // 32)
+            seen = background(link, FlatSea(), day, photons=count, seed=seed, threads=1)
+            self.sky = math.pi * float(seen.part_radiance[PARTS.index("sky")])
+        # shares are of the light of a sun that gives 1 W m-2 on a level plane above the sea
+        self._level = day.direct * day.sun[2]
+        if water.b > 0.0:
+            planes = self._traced([]).planes
+            assert planes is not None
+            self._share = max(float(planes.e_d[0]) - ray.at(depth) / self._level, 0.0)
+            self.sunlight = self._level * self._share
+
+    def _traced(self, record: list[Any]) -> GainResult:
+        """Trace a pencil of sunlight whose unscattered ray passes below the origin.
+
+        The same photons in each call: a map has the light of the planes.
+        """
+        ray, depth, day = self._ray, self._depth, self._ray.day
+        pencil = Sun(
+            zenith_deg=day.sun_zenith_deg, azimuth_deg=(day.sun_azimuth_deg + 180.0) % 360.0,
+            # a pencil: narrow beside any cell
+            half_width=1e-6 * depth, position=ray.entry(depth),
+        )  # fmt: skip
+        planes = IrradiancePlanes(depths=(depth,))
+        link = Link(water=ray.water, transmitter=pencil, receiver=(), planes=planes)
+        return simulate(
+            link, FlatSea(), estimator="analog", photons=self._photons, seed=self._seed, threads=1,
+            record=record,
+        )  # fmt: skip
+
+    def shares(self, half: float, n: int) -> Floats:
+        """Return the shares of the scattered light on n by n cells (odd) over |x|, |y| <= half [m].
+
+        About the place of the unscattered ray.
+        """
+        if self._share == 0.0:
+            return np.zeros((n, n))
+        step = 2.0 * half / n
+        plane = IrradianceMap(height=-self._depth, extent=half, step=step, axis=(0.0, 0.0, -1.0))
+        irradiances = self._traced([plane]).map
+        assert irradiances is not None
+        power = np.array(irradiances.irradiance) * step**2
+        # the unscattered light of the pencil lands in the middle cell
+        power[n // 2, n // 2] -= self._ray.at(self._depth) / self._level
+        return np.asarray(np.maximum(power, 0.0) / self._share)
 
 
 def _disk(kx: Floats, ky: Floats, radius: float) -> Floats:

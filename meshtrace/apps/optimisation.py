@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Annotated, Any, Literal, NamedTuple, Unpack
 
 import numpy as np
@@ -16,11 +17,7 @@ from meshtrace.checks import ErrorRate, Probability, check_call
 from meshtrace.comms import OokLink
 from meshtrace.comms.ook import Preset
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_pair,
-)
+from meshtrace.errors import Described, Refused, require_pair
 from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.scenario import Scenario
@@ -132,17 +129,12 @@ class Optimum(Stored, kind="optimum", title="meshtrace optimum"):
         ]
         check = self.validation
         gained = f"{check.difference:.3g} +- {check.stderr:.1g}"
+        # costs that are logarithms of a ratio of powers read as decibels
         if self.objective in ("gain", "margin", "outage"):
             gained = f"{DECIBELS * check.difference:.2f} +- {DECIBELS * check.stderr:.2f} dB"
-        lines = [
-            f"{self.objective} {self.value:.4g} after {len(self.history)} candidates",
-            "",
-            text_table(of_values, head),
-            "",
-            f"fresh seeds: best {check.best:.4g}, start {check.start:.4g}, gained {gained}",
-            *self.notes,
-        ]
-        return "\n".join(lines)
+        reached = f"{self.objective} {self.value:.4g} after {len(self.history)} candidates"
+        checked = f"fresh seeds: best {check.best:.4g}, start {check.start:.4g}, gained {gained}"
+        return "\n".join([reached, "", text_table(of_values, head), "", checked, *self.notes])
 
 
 Method = Literal["auto", "bounded", "cobyqa", "global"]
@@ -247,9 +239,10 @@ def optimize(
     >>> o.notes[0]
     'transmitter.half_angle_deg is at the bound 3'
     """
-    options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
+    run.setdefault("photons", DEFAULT_CHAINS)
+    # quantiles feel the short waves that make light fade; means hardly do
     fading = realizations > 1 and objective in FADES
-    campaign = campaign_of(link, surface, "optimize", options, fading=fading, several=False)
+    campaign = campaign_of(link, surface, "optimize", run, fading=fading, several=False)
     flight = campaign.flight(flight)
     if not (isinstance(constraints, list | tuple) and all(map(callable, constraints))):
         raise Refused("constraints", Described(type(constraints).__name__), "functions of the link")
@@ -266,7 +259,8 @@ def optimize(
     spread = require_pair(hover_std, "hover_std", "two numbers >= 0 [m]")
     if min(spread) < 0.0:
         raise Refused("hover_std", hover_std, "two numbers >= 0 [m]")
-    search = _Search(campaign, goal, start, variables, bounds, (realizations, spread, flight))
+    draw = partial(Sample, realizations=realizations, hover_std=spread, flight=flight)
+    search = _Search(campaign, goal, start, variables, bounds, draw)
     with campaign.workers():
         optimum = search.optimum(tuple(constraints), method)
     if electronics is None or objective == "gain":
@@ -289,35 +283,36 @@ def _variables(
     return variables, bounds
 
 
-@dataclass(eq=False)
 class _Search:
-    """Candidates of one optimisation."""
+    """Search of the best candidate, all of whose candidates share the sample that `draw` makes."""
 
-    campaign: Campaign
-    goal: Goal
-    start: Variant
-    variables: list[Parameter]
-    bounds: Floats
-    sampled: tuple[int, tuple[float, float], Flight | None]
-
-    def __post_init__(self) -> None:
-        names, link = [p.name for p in self.variables], self.campaign.link
-        self._log = np.array([not p.absolute for p in self.variables]) & (self.bounds[:, 0] > 0.0)
-        self._widest = float(self.bounds[names.index(_FOV), 1]) if _FOV in names else None
-        self._turned = tuple(name for name in REWEIGHED if name in names)
+    def __init__(
+        self, campaign: Campaign, goal: Goal, start: Variant, variables: list[Parameter],
+        bounds: Floats, draw: Callable[..., Sample],
+    ) -> None:  # fmt: skip
+        self.campaign, self.goal, self.start, self._draw = campaign, goal, start, draw
+        self.variables, self.bounds = variables, bounds
+        names, link = [p.name for p in variables], campaign.link
+        self._log = np.array([not p.absolute for p in variables]) & (bounds[:, 0] > 0.0)
+        self._widest = float(bounds[names.index(_FOV), 1]) if _FOV in names else None
+        # values of these keys weigh the arrivals of one run again, without new light
+        self._reweighed = tuple(name for name in REWEIGHED if name in names)
+        # arrivals have an angle and a direction of emission: neither another cut nor more lamps
         if link.physics.fov != "angle" or isinstance(link.transmitter, tuple):
-            self._turned = ()
+            self._reweighed = ()
         if link.direction == "down":  # facets are as wide as the spot of a lamp in the air
-            self._turned = tuple(name for name in self._turned if name == _FOV)
-        self._sample = self._new_sample(self.campaign.run.seed)
+            self._reweighed = tuple(name for name in self._reweighed if name == _FOV)
+        self._sample = self._new_sample(campaign.run.seed)
         self._history: dict[tuple[float, ...], Floats] = {}
-        self._start = np.clip([p.base for p in self.variables], *self.bounds.T)
+        # a start outside of the bounds begins at their nearest point
+        self._start = np.clip([p.base for p in variables], *bounds.T)
 
     def _new_sample(self, seed: int) -> Sample:
         link, run = self.campaign.link, self.campaign.run.replace(seed=seed)
+        # a narrower view only cuts light off, so that the widest one serves all candidates
         if self._widest is not None:
             link = link.replace(_FOV, self._widest)
-        return Sample(self.campaign.for_link(link)._replace(run=run), *self.sampled, self._turned)
+        return self._draw(self.campaign.for_link(link)._replace(run=run), reweighed=self._reweighed)
 
     def _values(self, x: Floats) -> Floats:
         """Return the variables of a point of the unit cube."""
@@ -359,21 +354,22 @@ class _Search:
         if method == "auto":
             method = "bounded" if n == 1 and not constraints else "cobyqa"
             method = "global" if n > _MOST else method
+        # scipy's bounded search knows neither
         if method == "bounded" and (n > 1 or constraints):
-            raise Refused(
-                "method", method, "cobyqa or global, for several variables or constraints"
-            )
+            allowed = "cobyqa or global, for several variables or constraints"
+            raise Refused("method", method, allowed)
         if method == "cobyqa" and n > _MOST:
             raise Refused("method", method, f"global, for more than {_MOST} variables")
+        # the start is a candidate whatever the search tries, so that the best is never worse
         self._cost(self._place(self._start))
         getattr(self, f"_{method}")(constraints)
-        allowed = {k: v for k, v in self._history.items()
-                   if all(g(self.variant(np.array(k))) >= -1e-9 for g in constraints)}  # fmt: skip
-        if not allowed:
+        # COBYQA and the start may leave candidates that break a constraint in the history
+        feasible = {k: v for k, v in self._history.items()
+                    if all(g(self.variant(np.array(k))) >= -1e-9 for g in constraints)}  # fmt: skip
+        if not feasible:
             raise Refused("constraints", "no candidate", "constraints that some candidate meets")
-        best = np.array(min(allowed, key=lambda k: float(allowed[k][0])))
-        costs = allowed[tuple(best.tolist())]
-        return self._result(best, float(costs[0]), error_of(costs))
+        best, costs = min(feasible.items(), key=lambda item: float(item[1][0]))
+        return self._result(np.array(best), float(costs[0]), error_of(costs))
 
     def _bounded(self, constraints: Any) -> None:
         """Search one variable: a grid, then the interval around its best point."""
@@ -392,14 +388,11 @@ class _Search:
         n = len(self.variables)
         limits = [{"type": "ineq", "fun": lambda x, g=g: g(self.variant(self._values(x)))}
                   for g in constraints]  # fmt: skip
+        options = {"initial_tr_radius": 0.25, "final_tr_radius": _FINEST, "maxfev": 40 + 25 * n}
         minimize(
-            self._cost,
-            self._place(self._start),
-            method="COBYQA",
-            bounds=Bounds(np.zeros(n), np.ones(n)),
-            constraints=limits,
-            options={"initial_tr_radius": 0.25, "final_tr_radius": _FINEST, "maxfev": 40 + 25 * n},
-        )
+            self._cost, self._place(self._start), method="COBYQA", options=options,
+            bounds=Bounds(np.zeros(n), np.ones(n)), constraints=limits,
+        )  # fmt: skip
 
     def _global(self, constraints: tuple[Constraint, ...]) -> None:
         """Search by differential evolution; candidates that break a constraint are not run."""
@@ -411,15 +404,10 @@ class _Search:
             # above any cost, and less the nearer the constraints are: evolution finds the way back
             return 1e9 * (1.0 + broken) if broken else self._cost(x)
 
-        n = len(self.variables)
         differential_evolution(
-            cost,
-            [(0.0, 1.0)] * n,
-            seed=self.campaign.run.seed,
-            polish=False,
-            popsize=6,
-            maxiter=20,
-        )
+            cost, [(0.0, 1.0)] * len(self.variables), seed=self.campaign.run.seed,
+            polish=False, popsize=6, maxiter=20,
+        )  # fmt: skip
 
     def _flat(self, best: Floats, cost: float, stderr: float) -> Floats:
         """Return the interval of each variable with costs within one standard error (n, 2)."""
@@ -453,16 +441,16 @@ class _Search:
         notes, new, old = [], self._costs(best, fresh), self._costs(self._start, fresh)
         difference, error = float(old[0] - new[0]), error_of(old - new)
         improved = bool(difference > 2.0 * error) if error > 0.0 else difference > 0.0
-        quantities = [
-            goal.quantity(self.variant(v), float(c[0]), fresh)
-            for v, c in ((best, new), (self._start, old))
-        ]
+        new_quantity = goal.quantity(at, float(new[0]), fresh)
+        old_quantity = goal.quantity(self.variant(self._start), float(old[0]), fresh)
+        # an optimum at a bound says that the bound, not the physics, has chosen
         for p, place, ends in zip(self.variables, self._place(best), self.bounds, strict=True):
             for side, end in enumerate(ends):
                 if abs(place - side) < _AT_BOUND:
                     notes.append(f"{p.name} is at the bound {end:g}")
         if not improved:
             notes.append("no improvement found")
+        # the outage of a sample is a step function: the error of its smooth cost stands for it
         error_of_value = goal.error(cost, stderr)
         value = goal.quantity(at, cost, self._sample)
         return Optimum(
@@ -477,7 +465,7 @@ class _Search:
             flatness=flatness,
             candidates=np.array(list(tried)),
             costs=np.array([costs[0] for costs in tried.values()]),
-            validation=Validation(quantities[0], quantities[1], difference, error, improved),
+            validation=Validation(new_quantity, old_quantity, difference, error, improved),
             notes=tuple(notes),
             provenance=campaign.provenance() | {"best": at.link.model_dump(mode="json")},
         )

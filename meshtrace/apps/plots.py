@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -13,13 +11,11 @@ from meshtrace.viz import marks
 from meshtrace.viz.style import INK, PALETTE, label_of, verbatim
 
 from .channels import ChannelModel
-from .designs.page import LIGHTS, Design, LightName
+from .designs.page import PERIODS, Design, Period
 from .inference import Inference
 from .measured.suite import MeasuredTable
 from .optimisation import Optimum
 from .traces import ChannelTrace
-
-_LINE: Any = {"color": INK, "lw": 0.8}
 
 _COSTS = {
     "gain": "minus logarithm of the mean gain",
@@ -109,7 +105,7 @@ def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
 
 
 @check_call
-def plot_design(d: Design, *, light: LightName = "day", ax: Axes | None = None) -> Axes:
+def plot_design(d: Design, *, light: Period = "day", ax: Axes | None = None) -> Axes:
     """Plot the reserve over each scanned key, relative to the values of the link.
 
     Parameters
@@ -126,7 +122,7 @@ def plot_design(d: Design, *, light: LightName = "day", ax: Axes | None = None) 
     Axes
         A curve for each key with the flat range drawn thick; above the line the link closes.
     """
-    require_word(light, LIGHTS, "light")
+    require_word(light, PERIODS, "light")
     ax = marks.axes(ax)
     for choice, values, reserves in zip(d.choices, d.scanned, d.reserves, strict=True):
         if choice.light != light or choice.given == 0.0:
@@ -136,11 +132,14 @@ def plot_design(d: Design, *, light: LightName = "day", ax: Axes | None = None) 
         flat = np.where((values >= low) & (values <= high), shown, np.nan)
         (line,) = ax.plot(values / choice.given, shown, label=label_of(choice.key))
         ax.plot(values / choice.given, flat, lw=4.0, color=line.get_color(), alpha=0.5)
-    ax.axhline(0.0, **_LINE)
+    ax.axhline(0.0, color=INK, lw=0.8)
     ax.plot(1.0, d.at(light).reserve, "o", color=INK)
+    # up to seven curves have no free corner inside the axes
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    labels = {"xlabel": "value over that of the link", "ylabel": f"reserve by {light} [dB]"}
-    return marks.finished(ax, legend=False, xscale="log", **labels)
+    return marks.finished(
+        ax, legend=False, xscale="log", xlabel="value over that of the link",
+        ylabel=f"reserve by {light} [dB]",
+    )  # fmt: skip
 
 
 @check_call
@@ -161,7 +160,7 @@ def plot_inference(f: Inference, *, ax: Axes | None = None) -> Axes:
     numbers, ax = np.arange(1, len(f.measured) + 1), marks.axes(ax)
     data = marks.dataset({"measured over fitted": f.measured / f.predicted}, measurement=numbers)
     marks.lines(ax, data, "measured over fitted", ("o",), markersize=6)
-    ax.axhline(1.0, **_LINE)
+    ax.axhline(1.0, color=INK, lw=0.8)
     return ax
 
 
@@ -180,14 +179,13 @@ def plot_measured(table: MeasuredTable, *, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
-    ax, finite = (
-        marks.axes(ax),
-        np.flatnonzero(np.isfinite(table.observed) & (table.computed > 0.0)),
-    )
+    # a predicted row has nothing to compare, and a ratio needs a value above 0
+    finite = np.flatnonzero(np.isfinite(table.observed) & (table.computed > 0.0))
     several = len(set(table.experiment)) > 1
     names = [(table.experiment if several else table.observable)[i] for i in finite]
     if not names:
         raise Refused("table", Described("no measured numbers"), "a table with some")
+    ax = marks.axes(ax)
     places, value = np.arange(len(finite)), table.computed[finite]
     ends = (table.band_low, table.band_high, table.observed_low, table.observed_high)
     low, high, least, most = (np.maximum(end[finite], 0.0) / value for end in ends)
@@ -200,10 +198,11 @@ def plot_measured(table: MeasuredTable, *, ax: Axes | None = None) -> Axes:
     ):
         if chosen.any():
             errors = np.maximum(np.abs([at - least, most - at])[:, chosen], 0.0)
-            style: dict[str, Any] = {"color": color, "fmt": "o", "lw": 1.2, "label": label}
-            ax.errorbar(at[chosen], places[chosen], xerr=errors, **style)
+            ax.errorbar(
+                at[chosen], places[chosen], xerr=errors, color=color, fmt="o", lw=1.2, label=label
+            )
     first = [names.index(name) for name in dict.fromkeys(names)]
     ax.set_yticks(first, [verbatim(names[i]) for i in first], fontsize="small")
-    ax.axvline(1.0, **_LINE)
+    ax.axvline(1.0, color=INK, lw=0.8)
     ax.invert_yaxis()
     return marks.finished(ax, xlabel="measured over computed")

@@ -252,14 +252,18 @@ def _campaign(
 ) -> Campaign:
     """Return the campaign of one or both directions."""
     campaign = campaign_of(link, surface, "trace", run, fading=True, chains=DEFAULT_CHAINS)
+    # thousands of frames are worth a smaller mesh
     campaign = campaign._replace(fine_patch=_LIT)
+    # only an uplink between single ends has one mirror image
     if down == "mirrored":
         single = len(campaign.link.receivers) == 1 == len(campaign.link.transmitters)
         down = campaign.link.mirrored() if single and campaign.link.direction == "up" else None
     if down is None:
+        # named by its direction, as files and provenance have it
         return campaign.for_link(campaign.link, "up")
     options: StudyOptions = {**run}
-    if isinstance(link, Scenario):
+    if isinstance(link, Scenario):  # the downlink is a link alone, without the file's sea and mesh
+        # both directions cross one sea, whatever the downlink alone would choose
         if surface is None and isinstance(link.surface, MeshSource):
             surface = link.surface
         options["mesh"] = run.get("mesh") or link.meshing
@@ -278,19 +282,21 @@ def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
         return ((SHIFTS + 3 * min(_PIECE, n - first)) * links * receivers,)
 
     work = f"pieces of {_PIECE} frames"
+    # all frames share chains, so that the mean has the error of the sums over frames at each shift
     for numbers in campaign.evaluate(setup, pieces, "frames", identity, shape, work):
         of_link = numbers.reshape(-1, links, receivers)
         frames.append(of_link[SHIFTS:].reshape(-1, 3, links, receivers))
         samples += np.moveaxis(of_link[:SHIFTS], 0, -1)
     at_times, mean_error = np.concatenate(frames), error_of_groups(samples / n, axis=-1)
-    mine = slice(None) if isinstance(campaign.link.receiver, tuple) else 0
-    columns: dict[str, Any] = {}
-    for k, prefix in enumerate(("", "down_")[:links]):
-        gain = *at_times[:, :, k].swapaxes(0, 1), mean_error[k]
-        for name, values in zip(_COLUMNS, gain, strict=True):
-            columns[f"{prefix}{name}"] = values[..., mine][()]
+    # a result of a single receiver has no axis of receivers
+    axis = slice(None) if isinstance(campaign.link.receiver, tuple) else 0
+    columns: list[Any] = [
+        values[..., axis][()]
+        for k in range(links)
+        for values in (*at_times[:, :, k].swapaxes(0, 1), mean_error[k])
+    ]
     origin = {name: campaign.provenance(link) for name, link in campaign.links.items()}
-    return ChannelTrace(steps.labels, **columns, provenance=origin)
+    return replace(ChannelTrace(steps.labels, *columns), provenance=origin)
 
 
 def _gains_of_piece(campaign: Campaign, steps: Steps) -> Callable[[int], Floats]:
@@ -330,14 +336,15 @@ def _light(campaign: Campaign, steps: Steps, day: Daylight, rate: float) -> dict
     """Return the background of the first link at the frames next to the times of a lower rate."""
     times = steps.labels
     wanted = np.minimum(np.arange(0.0, times[-1] + 0.5 / rate, 1.0 / rate), times[-1])
+    # rounding must not push a time behind its frame
     frames = np.unique(np.searchsorted(times, wanted - 1e-9))
     links = None if steps.links is None else [steps.links[i] for i in frames]
+    # the frames have reported the progress of the whole trace
     single = campaign.for_link(campaign.link, "up")._replace(progress=None)
     lights = backgrounds(single, single.in_time(times[frames], links), day, _RAYS)
+    radiance, stderr = np.array([(b.radiance, b.radiance_stderr) for b in lights]).T
     return {
         "background_time": times[frames],
-        "background_radiance": np.array([background.radiance for background in lights]),
-        "background_radiance_stderr": np.array(
-            [background.radiance_stderr for background in lights]
-        ),
+        "background_radiance": radiance,
+        "background_radiance_stderr": stderr,
     }

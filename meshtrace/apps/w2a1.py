@@ -67,6 +67,7 @@ def link(variant: str) -> Link:
         position=(inputs["x"], 0.0), radius=inputs["radius"], fov_deg=inputs["fov_deg"]
     )
     transmitter = Led(depth=inputs["depth"])
+    # the case takes the mesh as the sea, without slopes below its spacing
     return Link(transmitter=transmitter, receiver=receiver, physics=Physics(unresolved="none"))
 
 
@@ -132,6 +133,7 @@ def _series_checks(name: str, row: dict[str, Any]) -> Iterator[Check]:
         np.array([getattr(g, k) for g in computed]) for k in ("unscattered", "total")
     )
     expected = np.array(row["unscattered_gain"])
+    # one check for all times: the case asks that each be within the tolerance
     worst = int(np.abs(unscattered / expected - 1.0).argmax())
     what = f"{name} unscattered, worst of {len(expected)}"
     yield exact(what, "W2A-1", expected[worst], unscattered[worst], _SERIES)
@@ -150,7 +152,7 @@ def _wave_checks() -> Iterator[Check]:
 
 
 def _waves(wind_speed: int) -> NDArray[np.float64]:
-    """Return the first five properties of the waves of a random sea, the last one their phase."""
+    """Return the waves of a random sea as rows of five properties, the last being the phase."""
     sea = surface(f"jonswap{wind_speed}")
     assert isinstance(sea, WaveSum)
     return np.array(sea.components[:5]).T
@@ -158,6 +160,7 @@ def _waves(wind_speed: int) -> NDArray[np.float64]:
 
 def _largest_difference(name: str, waves: NDArray[np.float64], listed: list[list[float]]) -> Check:
     difference = waves - np.array(listed)
+    # phases are equal up to full turns
     largest = max(np.abs(difference[:, :4]).max(), np.abs(np.sin(0.5 * difference[:, 4])).max())
     return Check(f"{name} waves, largest difference", "W2A-1", 0.0, float(largest), 0.0, _LISTED)
 

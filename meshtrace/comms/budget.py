@@ -17,11 +17,7 @@ from meshtrace import fading
 from meshtrace.checks import Positive, Probability, Seed, check_call
 from meshtrace.comms.decisions import non_negative
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_array,
-)
+from meshtrace.errors import Described, Refused, require_array
 from meshtrace.fading import Estimate
 from meshtrace.fading.distribution import check_effective
 from meshtrace.models import Floats

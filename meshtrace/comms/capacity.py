@@ -104,7 +104,7 @@ def capacity(
 
 
 def _soft(link: OokLink, n0: float, n1: float) -> float:
-    """Return the information of the full counts of a bit, behind the response of the channel."""
+    """Return the mutual information of a bit and its full counts, with the channel response."""
     branching = link.sipm.branching
     if link.filters.response is None:
         return soft_information(n0, n1, branching)
@@ -115,7 +115,7 @@ def _soft(link: OokLink, n0: float, n1: float) -> float:
 
 @functools.lru_cache(maxsize=64)
 def _interference(link: OokLink) -> tuple[float, Floats, Floats]:
-    """Return the share of a bit's light in its slot, and the states of the interfering light."""
+    """Return the share of a bit's energy in its slot, and the interference of other bits."""
     shares = link.filters.slot_shares(link.bit_time, link.memory)
     # decision feedback knows the earlier bits, so that their light is no interference
     shares = np.where(link.equalized(link.memory), 0.0, shares)

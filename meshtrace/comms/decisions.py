@@ -216,7 +216,7 @@ def _distance(n0: float, n1: float, branching: float) -> float:
 
 
 def _decision_laws(n0: float, n1: float, branching: float) -> tuple[Floats, Floats, Floats]:
-    """Return the counts that matter and their log probabilities in a zero and in a one."""
+    """Return the counts of non-negligible probability, and ln of it for a zero and a one."""
     share = 1.0 - branching
     # Normal tails hold less than 1e-32 beyond 12 deviations; 40
     # more counts cover the skewed tail of laws of few counts.

@@ -105,7 +105,7 @@ class SiPM(Model, frozen=True):
         return np.full(np.shape(wavelength_nm), self.pde)
 
     def _pde(self, wavelength: float) -> float:
-        """Return the efficiency at a wavelength [m], > 0, or refuse."""
+        """Return the detection efficiency at a wavelength [m]; refuse one at which it is 0."""
         if not isinstance(self.pde, Curve):
             return self.pde
         efficiency = float(self.pde.at(1e9 * wavelength))

@@ -208,13 +208,14 @@ class OokLink(Model, frozen=True):
         base = base if isinstance(base, OokLink) else cls.preset(base)
         power = 1e-3 * sum(t.power_mw for t in link.transmitters)
         index = link.n_air if isinstance(aperture, Receiver) else link.water.n
-        view = {"radius": aperture.radius, "fov_deg": aperture.fov_deg, "medium_index": index}
         changes = {
             "bit_rate": base.bit_rate if bit_rate is None else bit_rate,
             "led": base.led.replace(power=power, wavelength=first.wavelength_nm / 1e9),
-            "optics": base.optics.replace(**view),
+            "optics": base.optics.replace(
+                radius=aperture.radius, fov_deg=aperture.fov_deg, medium_index=index
+            ),
         }
-        return cls.model_validate({**dict(base), **changes})
+        return cls.model_validate(dict(base) | changes)
 
     def channel(self, link: Link) -> Link:
         """Return a link with the absorption scaled as the calibration requires.

@@ -237,7 +237,7 @@ class Eye(NamedTuple):
 
     @property
     def _inner(self) -> tuple[int, int]:
-        """Lowest one and highest zero at the end of the bit."""
+        """Lowest level of a one and highest of a zero at the end of the bit."""
         is_one, end = self.bits[:, 0], self.level[:, -1]
         lowest = np.argmin(np.where(is_one, end, np.inf))
         return int(lowest), int(np.argmax(np.where(is_one, -np.inf, end)))

@@ -138,7 +138,7 @@ class _Pulses(NamedTuple):
 
 @functools.lru_cache(maxsize=128)
 def _pulses(link: OokLink, phase: float) -> _Pulses:
-    """Return the quantities common to all powers, for searches over the power."""
+    """Return bit patterns and cursors, which do not depend on the power."""
     bits, filters = link.patterns(), link.filters
     size = link.bit_time, bits.shape[1], phase
     mean, energy = filters.mean_cursors(*size), filters.noise_energy
@@ -153,7 +153,7 @@ def _best_window(link: OokLink) -> float:
     fixed = {"model": "W", "saturation": False}
     least, best = math.inf, 0
     for i in (10, 0, 20, 5, 15, *range(21)):  # most of the rest fail at the power of these
-        trial = link.model_copy(update={**fixed, "window": float(windows[i])})
+        trial = link.model_copy(update=fixed | {"window": float(windows[i])})
         if math.isinf(least) or trial.ber(least) < _DESIGN_BER:
             needed = trial.required_power(_DESIGN_BER)
             least, best = min((least, best), (needed, i))

@@ -130,7 +130,7 @@ def _share_or_curve(value: Any, _: Any, info: pydantic.ValidationInfo) -> float 
 
 
 def _ook(value: Any) -> Any:
-    """Return a transmission, of a file above this one; refuse other objects."""
+    """Return an `OokLink`, which a module above this one defines; refuse other objects."""
     if not hasattr(value, "optics"):
         raise Refused("", Described(type(value).__name__), "an OokLink")
     return value
@@ -153,7 +153,7 @@ class Passed(NamedTuple):
 
 
 def _view(fov_deg: float) -> Floats:
-    """Return squared sines of incidence, with equal shares of light that fills a field of view."""
+    """Return squared sines of incidence that share the light of a filled field of view equally."""
     # projected solid angle, and with it the light of a uniform scene, is proportional to sin^2
     edge = math.sin(math.radians(0.5 * fov_deg)) ** 2
     return edge * (np.arange(_RAYS) + 0.5) / _RAYS

@@ -3,7 +3,7 @@ from . import upward as upward
 from .light import Daylight as Daylight
 from .light import clear_irradiance as clear_irradiance
 from .light import moon_phase_factor as moon_phase_factor
-from .light import sky as sky
-from .light import sky_radiance as sky_radiance
+from .patterns import sky as sky
+from .patterns import sky_radiance as sky_radiance
 from .upward import QuasiSingle as QuasiSingle
 from .upward import glint_radiance as glint_radiance

@@ -14,138 +14,14 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from meshtrace.checks import Shape, check_call
-from meshtrace.errors import (
-    MISSING,
-    Described,
-    Refused,
-    extra,
-    require_between,
-    require_word,
-)
-from meshtrace.kernels.sources import LEAST_COS, Sky
+from meshtrace.errors import MISSING, Described, Refused, extra, require_between, require_word
+from meshtrace.kernels.sources import Sky
 from meshtrace.kernels.sources import land_sunlight as land_sunlight
-from meshtrace.kernels.vectors import Vec3
 from meshtrace.models import Finite, Floats, Model, NonNegative
 from meshtrace.optics.fresnel import fresnel_reflectance, unit_vector
 from meshtrace.optics.pure_water import read_table
-from meshtrace.quadrature import gauss_legendre
 
-_GRADATION = ((4.0, -0.70), (1.1, -0.80), (0.0, -1.00), (-1.0, -0.55), (-1.0, -0.32), (-1.0, -0.15))
-_INDICATRIX = ((0.0, -1.0, 0.0), (2.0, -1.5, 0.15), (5.0, -2.5, 0.30), (10.0, -3.0, 0.45),
-               (16.0, -3.0, 0.30), (24.0, -2.8, 0.15))  # fmt: skip
-_TYPES = ((0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2), (2, 3), (3, 1), (3, 2), (3, 3),
-          (4, 3), (4, 4), (5, 4), (5, 5))  # fmt: skip
-_ALIASES = {"uniform": "cie-5", "overcast": "cie-1"}
-_NODES = 64  # of each panel of a quadrature
-
-
-PATTERNS = (*(f"cie-{i}" for i in range(1, 16)), "harrison-coombes", *_ALIASES)
-"""Names of the patterns."""
-
-
-@check_call
-def sky(pattern: str, diffuse: float, sun_zenith_deg: float, sun_azimuth_deg: float) -> Sky:
-    """Return a sky scaled to a horizontal irradiance, for the kernels and for `sky_radiance`.
-
-    Parameters
-    ----------
-    pattern : str
-        "cie-1" ... "cie-15" of the CIE general sky (ISO 15469: 12 clear, 13 polluted, 5 uniform,
-        1 overcast), "uniform", "overcast", or "harrison-coombes".
-    diffuse : float
-        Horizontal irradiance of the sky [W m-2 nm-1].
-    sun_zenith_deg, sun_azimuth_deg : float
-        Position of the sun [deg].
-
-    Returns
-    -------
-    Sky
-        Coefficients scaled so that the integral of L cos z over the hemisphere is `diffuse`.
-
-    Raises
-    ------
-    Refused
-        If the pattern is unknown.
-
-    References
-    ----------
-    ISO 15469:2004 / CIE S 011, "Spatial distribution of daylight: CIE standard general sky".
-    Harrison and Coombes (1988), Solar Energy 41, 387, clear sky, coefficients as in the code of
-    HydroLight.
-    """
-    require_word(pattern, PATTERNS, "pattern")
-    # a key of the cache: directions of one sun differ in their last digits
-    zenith = round(float(sun_zenith_deg), 9)
-    scale = diffuse / _irradiance(pattern, zenith)
-    bare, sun = _bare_sky(pattern, zenith), unit_vector(sun_zenith_deg, sun_azimuth_deg)
-    # the radiance is linear in p and a
-    return bare._replace(sun=Vec3(*sun), p=scale * bare.p, a=scale * bare.a)
-
-
-@check_call
-def sky_radiance(sky: Sky, directions: Annotated[Floats, Shape("... 3")]) -> Floats:
-    """Return the radiance of the sky, array twin of `kernels.sources.radiance`.
-
-    Parameters
-    ----------
-    sky : Sky
-        Of `sky`.
-    directions : ndarray, shape (..., 3)
-        Unit vectors from the sea to the sky; the horizon stands for directions below it.
-
-    Returns
-    -------
-    ndarray
-        L [W m-2 sr-1 nm-1].
-    """
-    cos_z = np.maximum(directions[..., 2], LEAST_COS)
-    cos_chi = np.clip(directions @ np.array(sky.sun), -1.0, 1.0)
-    # ISO 15469: gradation by the zenith angle, indicatrix by the angle chi to the sun
-    gradation = sky.p + sky.a * np.exp(sky.b / cos_z)
-    glow = sky.f + sky.c * np.exp(sky.d * np.arccos(cos_chi)) + sky.e * cos_chi**2
-    return np.asarray(gradation * glow)
-
-
-@check_call
-def hemisphere(sun_zenith_deg: float) -> tuple[Floats, Floats]:
-    """Return directions (n, 3) and solid angles [sr] of a quadrature over the upper hemisphere.
-
-    The sun stands at azimuth 0. Panels end at the sun, where the radiance has a cusp, and their
-    nodes crowd there; the half of negative azimuths is the mirror image of the other.
-    """
-    x, w = gauss_legendre(_NODES)
-    x, w = 0.5 * (x + 1.0), 0.5 * w
-    # x -> x^2 crowds the nodes at the end 0 of a panel
-    crowded, weight = x * x, 2.0 * x * w
-    sun = math.radians(sun_zenith_deg)
-    zenith = np.concatenate([sun * (1.0 - crowded), sun + (0.5 * math.pi - sun) * crowded])
-    d_zenith = np.concatenate([sun * weight, (0.5 * math.pi - sun) * weight])
-    azimuth, d_azimuth = math.pi * crowded, math.pi * weight
-    z, phi = (v.ravel() for v in np.meshgrid(zenith, azimuth, indexing="ij"))
-    solid = np.outer(d_zenith * np.sin(zenith), d_azimuth).ravel()
-    directions = np.stack([np.sin(z) * np.cos(phi), np.sin(z) * np.sin(phi), np.cos(z)], axis=1)
-    return np.concatenate([directions, directions * (1.0, -1.0, 1.0)]), np.tile(solid, 2)
-
-
-@lru_cache(maxsize=256)
-def _irradiance(pattern: str, sun_zenith_deg: float) -> float:
-    """Return the horizontal irradiance of a pattern before scaling."""
-    directions, solid = hemisphere(sun_zenith_deg)
-    radiance = sky_radiance(_bare_sky(pattern, sun_zenith_deg), directions)
-    return float(solid @ (radiance * directions[:, 2]))
-
-
-def _bare_sky(pattern: str, sun_zenith_deg: float) -> Sky:
-    """Return the sky of a pattern before scaling, with the sun at azimuth 0."""
-    sun = Vec3(*unit_vector(sun_zenith_deg, 0.0))
-    if pattern == "harrison-coombes":
-        return Sky(sun, 1.0, -1.0, -0.19, 1.63, 53.7, -5.49, 2.04 * sun.z)
-    gradation, indicatrix = _TYPES[int(_ALIASES.get(pattern, pattern)[4:]) - 1]
-    a, b = _GRADATION[gradation]
-    c, d, e = _INDICATRIX[indicatrix]
-    # the standard's 1 + c (exp(d chi) - exp(d pi / 2)), its constant taken together
-    return Sky(sun, 1.0, a, b, 1.0 - c * math.exp(0.5 * math.pi * d), c, d, e)
-
+from .patterns import PATTERNS, sky
 
 _TABLE_NM = 470.0  # of clear_irradiance.csv
 
@@ -169,7 +45,7 @@ class SunPosition(NamedTuple):
 
 
 def _pvlib() -> Any:
-    """Return the package pvlib, or refuse."""
+    """Import pvlib; refuse if it is not installed."""
     missing = Described("pvlib is not installed")
     with extra("daylight", "daylight", missing, "the extra daylight, {}, or direct and diffuse"):
         import pvlib
@@ -476,7 +352,7 @@ class Daylight(Model, frozen=True):
         """
         if self.pattern == "uniform":
             return np.ones_like(wavelength_nm)
-        fields: dict[str, Any] = {**defaults_of("clear"), **self.recipe}
+        fields: dict[str, Any] = defaults_of("clear") | self.recipe
         air = (fields[name] for name in _ATMOSPHERE)
         nodes, direct, diffuse = _clear_spectra(self.sun_zenith_deg, *air)
         whole = math.cos(math.radians(self.sun_zenith_deg)) * direct + diffuse
@@ -525,9 +401,11 @@ class Daylight(Model, frozen=True):
         def by_spectrl2(checked: Self) -> Irradiance:
             return clear_irradiance(checked.sun_zenith_deg, checked.wavelength_nm, **options)
 
-        place = {"sun_zenith_deg": sun_zenith_deg, "sun_azimuth_deg": sun_azimuth_deg}
-        band = {"wavelength_nm": wavelength_nm, "pattern": pattern}
-        return cls._modelled("clear", by_spectrl2, options, **place, **band, **fields)
+        fields |= {
+            "sun_zenith_deg": sun_zenith_deg, "sun_azimuth_deg": sun_azimuth_deg,
+            "wavelength_nm": wavelength_nm, "pattern": pattern,
+        }  # fmt: skip
+        return cls._modelled("clear", by_spectrl2, options, fields)
 
     @classmethod
     def at(
@@ -557,7 +435,7 @@ class Daylight(Model, frozen=True):
         """
         _require_absent(options, SUN)
         sun = sun_position(time, latitude, longitude)
-        options = {"day_of_year": sun.day_of_year, **options}
+        options.setdefault("day_of_year", sun.day_of_year)
         return cls.clear_sky(sun.zenith_deg, sun.azimuth_deg, wavelength_nm, pattern, **options)
 
     @classmethod
@@ -588,12 +466,11 @@ class Daylight(Model, frozen=True):
 
         def through_clouds(checked: Self) -> Irradiance:
             clear = default_irradiance(checked.sun_zenith_deg, checked.wavelength_nm)
-            above = checked.replace(**clear._asdict())
+            above = checked.replace(direct=clear.direct, diffuse=clear.diffuse)
             return Irradiance(0.0, transmittance * above.irradiance)
 
-        band = {"sun_zenith_deg": sun_zenith_deg, "wavelength_nm": wavelength_nm}
-        options = {"transmittance": transmittance}
-        return cls._modelled("overcast", through_clouds, options, **band, **fields)
+        fields |= {"sun_zenith_deg": sun_zenith_deg, "wavelength_nm": wavelength_nm}
+        return cls._modelled("overcast", through_clouds, {"transmittance": transmittance}, fields)
 
     @classmethod
     def moon(
@@ -630,9 +507,9 @@ class Daylight(Model, frozen=True):
             share = MOON_OVER_SUN * moon_phase_factor(phase_deg)
             return Irradiance(share * sun.direct, share * sun.diffuse)
 
-        place = {"sun_zenith_deg": zenith_deg, "sun_azimuth_deg": azimuth_deg}
-        place["wavelength_nm"] = wavelength_nm
-        return cls._modelled("moon", by_moon, {"phase_deg": phase_deg}, **place, **fields)
+        fields |= {"sun_zenith_deg": zenith_deg, "sun_azimuth_deg": azimuth_deg}
+        fields["wavelength_nm"] = wavelength_nm
+        return cls._modelled("moon", by_moon, {"phase_deg": phase_deg}, fields)
 
     @classmethod
     def night(cls, **fields: Any) -> Self:
@@ -646,7 +523,7 @@ class Daylight(Model, frozen=True):
         2.4e-9 and 2.8e-9 at 470 nm. The same value is taken at every wavelength.
         """
         dark = Irradiance(0.0, math.pi * NIGHT_RADIANCE)
-        return cls._modelled("night", lambda _: dark, {}, **fields)
+        return cls._modelled("night", lambda _: dark, {}, fields)
 
     @classmethod
     def _modelled(
@@ -654,13 +531,13 @@ class Daylight(Model, frozen=True):
         model: str,
         irradiance: Callable[[Self], Irradiance],
         options: Mapping[str, Any],
-        **fields: Any,
+        fields: dict[str, Any],
     ) -> Self:
-        """Return the light of a model, whose recipe are the options that differ from defaults."""
+        """Build the daylight of a model; its recipe has the options that differ from defaults."""
         _require_absent(fields, ("direct", "diffuse", "recipe"))
-        fields = {**MODELS[model].fields, **fields}
+        fields = dict(MODELS[model].fields) | fields
         # the model gets checked fields; the irradiances of 1 only hold their place
-        checked = cls(direct=1.0, diffuse=1.0, **fields)
+        checked = cls.model_validate(fields | {"direct": 1.0, "diffuse": 1.0})
         direct, diffuse = irradiance(checked)
         known = defaults_of(model)
         recipe = {name: value for name, value in options.items() if value != known[name]}
@@ -687,12 +564,8 @@ class Daylight(Model, frozen=True):
         if wavelength_nm == self.wavelength_nm:
             return self
         fields = self.model_dump(exclude={"direct", "diffuse", "wavelength_nm", "recipe"})
-        lights = {
-            daylight_model.fields["light"]: name
-            for name, daylight_model in MODELS.items()
-            if name != "uniform"
-        }
-        table = {**fields, **self.recipe}
+        lights = {m.fields["light"]: name for name, m in MODELS.items() if name != "uniform"}
+        table = fields | self.recipe
         model = lights.get(self.light)
         # irradiances that were set by hand follow from no model
         if model is None or light_of(model, self.wavelength_nm, table) != self:
@@ -726,16 +599,17 @@ class UnavailableDaylight:
 
 def light_of(model: str, wavelength_nm: float, table: Mapping[str, Any]) -> Any:
     """Return the `Daylight` of a model at a wavelength [nm], with the keys of a link file."""
-    table = {"wavelength_nm": wavelength_nm, **table}
+    table = {"wavelength_nm": wavelength_nm} | dict(table)
     if "direct" in table or "diffuse" in table:
         _require_absent(table, MODELS[model].keys, "without direct and diffuse")
         irradiance = {"direct": 0.0, "diffuse": 0.0}
-        return Daylight.model_validate({**irradiance, **MODELS[model].fields, **table})
+        return Daylight.model_validate(irradiance | dict(MODELS[model].fields) | table)
     if model == "uniform":
         raise Refused("diffuse", MISSING, "the irradiance of the uniform sky [W m-2 nm-1]")
     if "time" in table:
         _require_absent(table, SUN, "without time, which gives the sun")
-        return Daylight.at(**{"latitude": None, "longitude": None, **table})
+        nowhere: dict[str, Any] = {"latitude": None, "longitude": None}  # which `at` refuses
+        return Daylight.at(**nowhere | table)
     if model == "moon":
         # link files place the moon by the keys of the sun
         table = {key.removeprefix("sun_"): value for key, value in table.items()}
@@ -761,7 +635,7 @@ _FOLLOWS = "none: it follows from the other arguments"
 def _require_absent(
     fields: Mapping[str, Any], names: Iterable[str], allowed: str = _FOLLOWS
 ) -> None:
-    """Refuse fields that others of a light leave no room for."""
+    """Refuse fields that follow from the other arguments."""
     for name in names:
         if name in fields:
             raise Refused(name, fields[name], allowed)

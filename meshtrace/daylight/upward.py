@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.checks import Directions, Index, Shape, check_call, check_methods
-from meshtrace.daylight.light import Daylight, sky_radiance
+from meshtrace.daylight.light import Daylight
+from meshtrace.daylight.patterns import sky_radiance
 from meshtrace.kernels.interface import Roughness, over_gaussian
 from meshtrace.kernels.sources import Beams, add_upwelling
 from meshtrace.kernels.tints import common_functions
@@ -321,11 +322,8 @@ def _over_depth(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats,
     from scipy.special import exprel
 
     depth, a, b = _profile(water, bubbles)
-    k = (
-        a
-        + np.array([scatterer.backscatter_fraction for scatterer in _scatterers(water, bubbles)])
-        @ b
-    )
+    back = np.array([phase.backscatter_fraction for phase in _scatterers(water, bubbles)])
+    k = a + back @ b
     if np.ptp(k) == 0.0 and not np.ptp(b, axis=1).any():  # in closed form
         tau = _EXTINCTION * (k[0] * depth[-1])
         last = np.exp(-tau)

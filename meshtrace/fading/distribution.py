@@ -70,9 +70,8 @@ def checked_step(time: ArrayLike, n: int) -> float:
     step = (t[-1] - t[0]) / (n - 1)
     # times in files are rounded: a millionth of the step, or the last digits of large times
     if not step > 0.0 or np.abs(np.diff(t) - step).max() > 1e-6 * step + 1e-12 * np.abs(t).max():
-        raise Refused(
-            "time", Described("not equally spaced and increasing"), "a constant step > 0 s"
-        )
+        uneven = Described("not equally spaced and increasing")
+        raise Refused("time", uneven, "a constant step > 0 s")
     return float(step)
 
 
@@ -131,17 +130,17 @@ def remove_noise(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> Float
     array([0.827, 1.002, 1.171])
     """
     g, noise = checked(gain, gain_stderr)
-    seen = g > 0.0
-    log_gain = np.log(g[seen])
+    nonzero = g > 0.0
+    log_gain = np.log(g[nonzero])
     if not noise.any() or log_gain.size < 2 or np.ptp(log_gain) == 0.0:
         return g.copy()
     # to first order the noise adds (s / g)^2 to the variance of ln g
-    share = 1.0 - np.mean(noise[seen] / g[seen] ** 2) / log_gain.var(ddof=1)
+    share = 1.0 - np.mean(noise[nonzero] / g[nonzero] ** 2) / log_gain.var(ddof=1)
     if share <= 0.0:
-        return np.where(seen, g[seen].mean(), 0.0)
-    out = np.zeros_like(g)
-    out[seen] = np.exp(math.sqrt(share) * (log_gain - log_gain.mean()))
-    return out * (g.mean() / out.mean())
+        return np.where(nonzero, g[nonzero].mean(), 0.0)
+    denoised = np.zeros_like(g)
+    denoised[nonzero] = np.exp(math.sqrt(share) * (log_gain - log_gain.mean()))
+    return denoised * (g.mean() / denoised.mean())
 
 
 class Estimate(NamedTuple):

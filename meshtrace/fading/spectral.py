@@ -512,7 +512,7 @@ def resolve_band(
 
 
 def _open_for_fading(link: Any, surface: Any) -> Any:
-    """Return a sea whose waves were left open with all that make the light of a link fade.
+    """Choose all waves that make the light of a link fade, if a sea leaves them open.
 
     To 10 % of the index where no band has it to 3 %.
     """
@@ -570,7 +570,7 @@ def _resolved(link: Any, surface: Any, within: float = WITHIN) -> Any:
 
 
 def _on_axis(link: Any) -> Any:
-    """Return the first source and the first receiver of a link, face to face with a full view.
+    """Move the first source and receiver of a link face to face, with a full field of view.
 
     Those of a downlink change places: one sea has one band, that of the uplink, as traces and both
     directions have it.
@@ -578,13 +578,11 @@ def _on_axis(link: Any) -> Any:
     if not (link.transmitters and link.receivers):
         raise Refused("receiver", link.receiver, "one receiver")
     straight = {"position": (0.0, 0.0), "tilt_deg": 0.0, "zenith_deg": 0.0, "fov_deg": 180.0}
-    ends = {"transmitter": link.transmitters[0], "receiver": link.receivers[0]}
-    facing = link.replace(
-        **{
-            name: end.replace(**{k: v for k, v in straight.items() if k in type(end).model_fields})
-            for name, end in ends.items()
-        }
+    lamp, aperture = (
+        end.replace(**{key: straight[key] for key in straight.keys() & type(end).model_fields})
+        for end in (link.transmitters[0], link.receivers[0])
     )
+    facing = link.replace(transmitter=lamp, receiver=aperture)
     return facing.replace(planes=None).mirrored() if facing.direction == "down" else facing
 
 

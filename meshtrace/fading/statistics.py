@@ -271,8 +271,10 @@ def fading_statistics(
     for level in levels:
         # gains without their noise, as `outage` counts them
         below = (sample < level_of(sample, level, relative_to)).astype(np.float64)
-        trials: Any = {"n_effective": _trials(below, n_effective), "confidence": confidence}
-        outages.append(outage(sample, level, relative_to=relative_to, **trials))
+        trials = _trials(below, n_effective)
+        outages.append(outage(
+            sample, level, relative_to=relative_to, n_effective=trials, confidence=confidence
+        ))  # fmt: skip
     index = scintillation_index(g, stderr, **boot)
     # fading is correlated along a series, independent errors are not
     mean_variance = max(spread - noise, 0.0) / n_effective + noise / g.size
@@ -306,10 +308,10 @@ def _series_part(
     relative_to: Reference,
     boot: dict[str, Any],
 ) -> dict[str, Any]:
-    """Return the fields of the statistics that exist for time series only."""
+    """Compute the statistics that only time series have."""
     lag = checked_step(time, g.size) * np.arange(g.size // 2 + 1, dtype=np.float64)
     nothing = Estimate(math.nan, math.nan, math.nan)
-    below = {"relative_to": relative_to, **boot}
+    below = boot | {"relative_to": relative_to}
     return {
         "n_effective": effective_samples(g, stderr) if fades else float(g.size),
         "lag": lag,
@@ -352,7 +354,7 @@ def _all_fits(
 def _notes(
     g: Floats, variance: Floats, fades: bool, index: Estimate, fields: dict[str, Any]
 ) -> Iterator[str]:
-    """Yield the limitations of the statistics found."""
+    """Yield the limitations of the statistics."""
     if not fades:
         yield "no fading above the Monte Carlo noise"
     if index.high < 0.0:

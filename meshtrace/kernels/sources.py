@@ -312,7 +312,7 @@ def sunlight(back, medium: Medium, p, d, weight):
 def radiance(sky, direction):
     """Return the radiance of the sky in a direction.
 
-    Array twin: `meshtrace.daylight.light.sky_radiance`.
+    Array twin: `meshtrace.daylight.sky_radiance`.
     One product of two factors holds every pattern, so that one kernel is compiled.
     """
     cos_chi = min(max(dot(direction, sky.sun), -1.0), 1.0)

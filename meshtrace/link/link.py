@@ -43,7 +43,7 @@ class Footprint(NamedTuple):
     coarse_spacing: float
 
 
-class LitPlace(NamedTuple):
+class Crossing(NamedTuple):
     """Crossing of unscattered light over a flat sea, between a source and a receiver."""
 
     place: Floats  # (x, y) [m]
@@ -381,7 +381,7 @@ class Link(Model, frozen=True):
         middle = 0.5 * (low + high)
         return (float(middle[0]), float(middle[1])), float(0.5 * (high - low).max())
 
-    def crossings(self) -> list[LitPlace]:
+    def crossings(self) -> list[Crossing]:
         """Return where unscattered light of each source crosses a flat sea to each receiver.
 
         Notes
@@ -402,7 +402,7 @@ class Link(Model, frozen=True):
                 lever = (n - 1.0) * height * share * (1.0 + 2.0 * aside**2) ** 1.5
                 seen = r.radius * (share if r is high_end else 1.0 - share)
                 place = _crossing(low_end.position, high_end.position, depth, height, n)
-                ends.append(LitPlace(place, lever, seen))
+                ends.append(Crossing(place, lever, seen))
         return ends
 
     def _middle(self, most: float) -> tuple[tuple[float, float], float, float]:
@@ -426,13 +426,13 @@ def _power_of_two(size: float) -> float:
 
 
 def _moved(kind: type[Any], end: Any, place: Any) -> Any:
-    """Return an end of `kind` with the fields of `end`, at the position and axis of `place`."""
+    """Build an end of `kind` with the fields of `end`, at the position and axis of `place`."""
     # what was not set takes the default of the new kind
     fields = {name: getattr(end, name) for name in end.model_fields_set if name not in _PLACED}
     level = "depth" if hasattr(place, "depth") else "height"
+    fields |= {"position": place.position, level: getattr(place, level)}
     angles = zip(_axis(kind), _axis(type(place)), strict=True)
-    turned = {new: getattr(place, old) for new, old in angles}
-    return kind(**fields, position=place.position, **{level: getattr(place, level)}, **turned)
+    return kind(**fields | {new: getattr(place, old) for new, old in angles})
 
 
 def _axis(kind: type[Any]) -> tuple[str, str]:

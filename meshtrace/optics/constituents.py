@@ -175,8 +175,7 @@ class Constituents(WaterSpectrum, frozen=True):
         b = molecules + particles + 0.5 * self.minerals
         ratio = float(_backscatter_ratio(chlorophyll[0], float(w)))
         by_ratio = {ratio: float(particles[0]), _MINERAL_RATIO: 0.5 * self.minerals}
-        return {
-            **uniform_or_layers(depth, a, b),
+        return uniform_or_layers(depth, a, b) | {
             "n": float(pure_water.sea_water_index(w, t, s)),
             "phase": _mixture(molecules, by_ratio),
         }

@@ -346,7 +346,7 @@ def cached_table(
     if not re.fullmatch(r"[\w.-]{1,100}", stem):
         raise Refused("stem", stem, "letters, digits, points and hyphens, at most 100")
     # kept in the file, too, and compared: its name has only a part of the hash
-    text = json.dumps({**inputs, "format": _FORMAT}, sort_keys=True)
+    text = json.dumps(dict(inputs) | {"format": _FORMAT}, sort_keys=True)
     name = f"{stem}-{hashlib.sha256(text.encode()).hexdigest()[:16]}.npz"
     shipped = importlib.resources.files("meshtrace.optics").joinpath("data", name)
     cached = cache_directory() / name

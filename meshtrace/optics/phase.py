@@ -371,7 +371,7 @@ class TabulatedPhase(BuiltInPhase, frozen=True):
             fields = {key: value for key, value in data.items() if key != "file"}
             if not isinstance(data["file"], str | Path):
                 raise Refused("file", data["file"], "the path of a text file")
-            return {**dict(cls.from_file(data["file"])), **fields}
+            return dict(cls.from_file(data["file"])) | fields
         return data
 
     @pydantic.model_validator(mode="after")

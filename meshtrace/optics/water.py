@@ -89,7 +89,7 @@ class Water(Model, frozen=True):
             if layers.ndim != 2 or layers.shape[1] != 3 or not layers.size:
                 raise Refused("layers", data["layers"], allowed)
             first = {"a": float(layers[0, 1]), "b": float(layers[0, 2])}
-            return {**first, **data, "layers": [tuple(row) for row in layers.tolist()]}
+            return first | data | {"layers": [tuple(row) for row in layers.tolist()]}
         return data
 
     @pydantic.model_validator(mode="after")
@@ -232,7 +232,7 @@ class Water(Model, frozen=True):
         return data
 
     def _with_spectrum(self) -> WaterSpectrum:
-        """Return the spectrum, or refuse."""
+        """Return the spectrum; refuse a water without one."""
         if self.spectrum is None:
             coefficients = Described(f"a {self.a:g}, b {self.b:g} m-1 of one wavelength")
             allowed = 'a water with a spectrum, such as Water.from_type("jerlov-II")'
@@ -309,7 +309,7 @@ class Water(Model, frozen=True):
         if wavelength_nm is None:
             wavelength_nm = PETZOLD_NM if spectrum.type.startswith("petzold") else 470.0
         if {"a", "b"} <= parameters.keys() or parameters.get("layers") is not None:
-            return cls(**{"phase": spectrum.phase, **parameters})
+            return cls.model_validate({"phase": spectrum.phase} | parameters)
         return cls(**parameters, spectrum=spectrum, wavelength_nm=wavelength_nm)
 
     @classmethod

@@ -153,7 +153,7 @@ def _fields_of_seabass(file: Path, text: str) -> tuple[Cells, dict[str, Floats]]
 
 
 def _require_fields(file: Path, fields: list[str]) -> None:
-    """Refuse fields that stand twice, and depths of other names or several."""
+    """Refuse duplicate fields, and depths under unknown or several names."""
     twice = sorted({name for name in fields if fields.count(name) > 1})
     if twice:
         names = Described(f"fields {', '.join(twice)} twice")
@@ -217,7 +217,7 @@ def _values(cells: Cells, index: int, name: str, missing: list[float]) -> Floats
 
 
 def _whole(frame: Any, name: str, file: Path) -> Any:
-    """Return a coefficient with pure water, depths by wavelengths; None if it is missing."""
+    """Return a coefficient (depths, wavelengths) including pure water; None if it is missing."""
     for field, pure in zip(_FIELDS[name], (False, True), strict=True):
         if "wavelength" in frame and field in frame:
             table = frame.pivot_table(index="at", columns="wavelength", values=field)
@@ -272,11 +272,11 @@ def _read_argo(file: Path) -> Constituents:
         profile_rows = profiles[name]
         if profile_rows is not None and 0.0 <= profile_rows[0][1] <= most:
             constituents[field] = profile_rows[0][1]
-    return Constituents(**constituents)
+    return Constituents.model_validate(constituents)
 
 
 def _good(data: Any, name: str, profile: int) -> Floats:
-    """Return good values of a variable of a profile in the unit of Argo, nan for all others."""
+    """Return values of good quality in the unit of Argo; nan for all others."""
     # adjusted values are calibrated; raw ones stand in where a profile has none
     for variable in (f"{name}_ADJUSTED", name):
         if variable not in data:

@@ -111,13 +111,13 @@ def test_mean_gains_are_those_of_many_resolved_seas():
     link = campaign.link
     narrow, low = link.replace("receiver.fov_deg", 4.0), link.replace("receiver.height", 2.5)
     means = MeanGains(campaign, 64)
-    means.find([narrow, low])
+    means.compute([narrow, low])
     whole = link.replace("receiver", tuple(one.only_receiver for one in (link, narrow, low)))
     resolved = campaign.of(whole)
     found = resolved.gains(resolved.realizations(64))[0, 0].swapaxes(0, 1)
     logs = np.log([[part.mean() for part in without_each(one)] for one in found])
     for row, one in zip(logs[1:], (narrow, low), strict=True):
-        ratio, stderr = means.ratio(one)
+        ratio, stderr = means.log_ratio(one)
         off = row - logs[0]
         assert z_test(float(off[0]), math.hypot(error_of(off), stderr), ratio) > ALPHA
         assert stderr < 0.5 * error_of(off)  # by 2 seas in place of 64

@@ -157,7 +157,7 @@ def test_items_of_lists_are_named_in_either_way(truth):
 
 def test_reweighting_is_a_new_run():
     """The gain at other a and b from the same chains is that of a simulation."""
-    from meshtrace.apps.inference import Predictor, read_measurements
+    from meshtrace.apps.predictions import Predictor, read_measurements
     from meshtrace.studies import Variant
     from meshtrace.studies.campaign import campaign_of
     from meshtrace.studies.keys import parameters

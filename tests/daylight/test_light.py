@@ -11,7 +11,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.daylight import light, sky, sky_radiance
-from meshtrace.daylight.light import PATTERNS, hemisphere
+from meshtrace.daylight.patterns import PATTERNS, hemisphere
 from meshtrace.errors import Refused
 from meshtrace.optics.fresnel import unit_vector
 

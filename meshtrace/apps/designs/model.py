@@ -1,4 +1,4 @@
-"""Gains, lights and required powers of a link and of those near it, and its reserve."""
+"""Gains, backgrounds, required powers and reserves of a link and of its variations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from scipy.special import ndtr
 
 from meshtrace import Background, Flight
 from meshtrace.apps.candidates import Sample
-from meshtrace.apps.designs.page import DAY, LIGHTS, NIGHT, Figures, Line
+from meshtrace.apps.designs.page import DAY, NIGHT, PERIODS, Figures, Line
 from meshtrace.comms import ChannelResponse, OokLink
 from meshtrace.comms.background import with_background
 from meshtrace.comms.budget import link_budget
@@ -60,7 +60,7 @@ _NIGHTS = ("moonless night", "moonlight")
 
 
 class MeanGains:
-    """Ratios of the mean gains of links near one link to its own.
+    """Mean gains of variations of a link, relative to the link.
 
     Parameters
     ----------
@@ -82,30 +82,31 @@ class MeanGains:
         self.campaign = campaign._replace(surface=sea, progress=None)
         self.steps = self.campaign.surfaces(min(seas, most))
         self.seas = len(self.steps.labels)
-        self._known: dict[Link, Floats] = {self._link: np.zeros(1)}
-        self._own: Floats | None = None
+        self._log_ratios: dict[Link, Floats] = {self._link: np.zeros(1)}
+        self._link_logs: Floats | None = None
 
-    def ratio(self, link: Link, base: Link | None = None) -> tuple[float, float]:
+    def log_ratio(self, link: Link, base: Link | None = None) -> tuple[float, float]:
         """Return the logarithm of the ratio of two mean gains, and its standard error."""
-        self.find([link] if base is None else [link, base])
-        logs = self._known[link] - (0.0 if base is None else self._known[base])
+        self.compute([link] if base is None else [link, base])
+        logs = self._log_ratios[link] - (0.0 if base is None else self._log_ratios[base])
         return float(logs[0]), error_of(logs)
 
-    def find(self, links: list[Link]) -> None:
-        """Find the gains of links in as few runs as possible."""
+    def compute(self, links: list[Link]) -> None:
+        """Compute the gains of links in as few runs as possible."""
         groups: dict[Link, list[Link]] = {}
         for link in dict.fromkeys(links):
-            if link not in self._known:
+            if link not in self._log_ratios:
                 groups.setdefault(link.replace("receiver", self._link.receiver), []).append(link)
+        # receivers share a run: links that differ by them alone are its receivers
         for base, members in groups.items():
             if base == self._link:
                 logs = self._logs([self._link, *members])
                 ratios = logs[1:] - logs[0]
             else:
-                if self._own is None:
-                    (self._own,) = self._logs([self._link])
-                ratios = self._logs(members) - self._own
-            self._known |= dict(zip(members, ratios, strict=True))
+                if self._link_logs is None:
+                    (self._link_logs,) = self._logs([self._link])
+                ratios = self._logs(members) - self._link_logs
+            self._log_ratios |= dict(zip(members, ratios, strict=True))
 
     def _logs(self, links: list[Link]) -> Floats:
         """Return the logarithms of gains (links, 1 + groups) of links with one lamp."""
@@ -117,7 +118,8 @@ class MeanGains:
 
 
 def log_means(gains: Floats) -> Floats:
-    """Return the logarithms of the mean gains of links (links, 1 + groups), see `without_each`."""
+    """Return ln of mean gains (links, 1 + groups): all, then leave-one-out (`without_each`)."""
+    # a floor in place of 0, whose logarithm no difference would survive
     means = [[without.mean() for without in without_each(of_link)] for of_link in gains]
     return np.log(np.maximum(np.array(means), 1e-300))
 
@@ -134,11 +136,9 @@ def log_quantile(gains: Floats, tilt: TiltFactors, share: float, lognormal: bool
     dark = 1.0 - float(weight.sum())
     if dark >= share:
         return -math.inf
-    middle, spread = (
-        float(log_gains.mean()),
-        float(log_gains.std(ddof=1)) if log_gains.size > 1 else 0.0,
-    )
-    spread = max(spread, 1e-6)
+    middle = float(log_gains.mean())
+    # a narrower law is a step, of which brentq finds no root
+    spread = max(float(log_gains.std(ddof=1)) if log_gains.size > 1 else 0.0, 1e-6)
     below = ndtr if lognormal else probability_in_log(spread)
 
     def excess(x: float) -> float:
@@ -150,7 +150,7 @@ def log_quantile(gains: Floats, tilt: TiltFactors, share: float, lognormal: bool
 
 
 class Need:
-    """Required power under one light over the counts of its background."""
+    """Required power as a function of the background counts, by night or by day."""
 
     def __init__(self, dark: OokLink, background: Background, limit: float) -> None:
         receiver = with_background(dark, background)
@@ -159,6 +159,7 @@ class Need:
         fixed = dark.replace(window=self.window)
         self.fixed, self._floor = fixed, dark.sipm.dark_count_rate + dark.background_rate + 1.0
         # from a millionth of the present background to ten thousand times it
+        # each required power is a search, and scans ask for thousands
         rates = max(receiver.background_rate, self._floor) * np.geomspace(1e-6, 1e4, 15)
         powers = [fixed.replace(background_rate=r).required_power(limit) for r in rates.tolist()]
         finite = np.isfinite(powers)
@@ -178,7 +179,7 @@ class Need:
 
 
 class LinkModel:
-    """Gains, lights and needs of a link and of those near it."""
+    """Gains, backgrounds and required powers of a link and of its variations."""
 
     def __init__(self, campaign: Campaign, outage: float, limit: float, seas: int) -> None:
         scenario = campaign.scenario
@@ -189,17 +190,18 @@ class LinkModel:
         self.campaign = campaign.for_link(self.link)
         self.means = MeanGains(self.campaign, seas)
         self.dark = through_channel(receiver, self.campaign._replace(progress=None), seas)
-        self._measured = receiver.response is None and self.dark.response is not None
+        self._response_is_computed = receiver.response is None and self.dark.response is not None
         uav = scenario.uav if self.link.direction == "up" else None
         self.flight = None if uav is None else Flight(uav)
         self.ensemble = Ensemble(self.campaign, seas, self.flight)
         self.seas = seas if isinstance(campaign.surface, SeededSurface) else 1
         nm, day = self.link.transmitters[0].wavelength_nm, scenario.daylight
         night, day = Daylight.night(wavelength_nm=nm), checked_daylight(day, self.link)
+        # a link file with a night says nothing about its day, which is then assumed
         if day is not None and day.light in _NIGHTS:
             night, day = day, None
         self.assumed = day is None
-        self.days = {NIGHT: night, DAY: day or Daylight.clear_sky(30.0, wavelength_nm=nm)}
+        self.daylights = {NIGHT: night, DAY: day or Daylight.clear_sky(30.0, wavelength_nm=nm)}
         self._rays = Lights(self.campaign._replace(progress=None))
         self.windows: dict[str, tuple[Floats, Floats]] = {}  # shares of a bit over ln(bit rate)
 
@@ -208,15 +210,10 @@ class LinkModel:
         error, few = 100.0 * self.fades.chain_error, self.means.seas
         remarks = [f"surfaces {self.seas}, of the scans {few}; error by the chains {error:.2g} %"]
         if self.assumed:
-            remarks.append(
-                "no day in the link file: a clear sky, the sun at a zenith angle of 30 deg"
-            )
+            remarks += ["no day in the link file: a clear sky, the sun at a zenith angle of 30 deg"]
         if self.flight is not None:
-            share = 100.0 * self.fades.tilt.outage
-            remarks.append(
-                "the tilts of the aircraft count as in link_performance; "
-                f"{share:.2g} % of them leave the field of view"
-            )
+            share = f"{100.0 * self.fades.tilt.outage:.2g} % of them leave the field of view"
+            remarks += [f"the tilts of the aircraft count as in link_performance; {share}"]
         return tuple(remarks)
 
     # ---- gains ------------------------------------------------------------------------------
@@ -230,20 +227,21 @@ class LinkModel:
     def sample(self) -> Sample:
         """Chains of the responses, over the seas of the mean gains."""
         campaign = self.means.campaign
-        turned: tuple[str, ...] = ()
-        if self.turns:
-            turned = (VIEW,)
+        reweighed: tuple[str, ...] = ()
+        # the widest view of the scan: narrower ones only cut its light off
+        if self.view_is_a_cut:
+            reweighed = (VIEW,)
             widest = max(90.0, self.link.only_receiver.fov_deg)
             campaign = campaign.for_link(self.link.replace(VIEW, widest))
-        return Sample(campaign, self.means.seas, (0.0, 0.0), None, turned)
+        return Sample(campaign, self.means.seas, (0.0, 0.0), None, reweighed)
 
     @property
-    def turns(self) -> bool:
-        """Whether a field of view only cuts the light of a wider one."""
+    def view_is_a_cut(self) -> bool:
+        """Whether the arrivals of a wide field of view contain those of each narrower one."""
         return self.link.physics.fov == "angle" and len(self.link.transmitters) == 1
 
     def colours(self, links: list[Link], index: int) -> tuple[Floats, Floats]:
-        """Return `ratio` of links at several wavelengths with common paths, over one of them."""
+        """Return log ratios and errors of links at several wavelengths, traced on common paths."""
         named = {f"{i}": link for i, link in enumerate(links)}
         campaign = self.means.campaign._replace(links=named, spectral=True)
         logs = log_means(campaign.gains(self.means.steps)[0, :, :, 0])
@@ -254,22 +252,22 @@ class LinkModel:
 
     @cached_property
     def spreads(self) -> bool:
-        """Whether the response of the channel counts in some field of view."""
-        if not (self._measured and self.turns):
+        """Whether pulse spreading matters in the widest field of view."""
+        if not (self._response_is_computed and self.view_is_a_cut):
             return False
         wide = self.response(self.link.replace(VIEW, 120.0))
         return self.dark.replace(response=wide).spread_in_bits >= SHORT
 
     @cache  # noqa: B019
     def response(self, link: Link, water: Water | None = None) -> ChannelResponse | None:
-        """Return the response over seas of the scans, by chains; None without light."""
+        """Return the channel response over the seas of the scans; None for a dark link."""
         lights = self.sample.some_light(Variant(link, None))
         if water is not None:
             lights = [in_water(arrivals, link.water, water) for arrivals in lights]
         return light_response(link, lights)
 
     def pulse_loss(self, period: str, link: Link, water: Water | None = None) -> float:
-        """Return ln of the power penalty of another link's response over the given link's."""
+        """Return ln of the penalty of a link's pulse spreading, relative to the given link."""
         if not self.spreads:
             return 0.0
         penalty, other = (self._blurred(period, self.response(*at))
@@ -279,8 +277,8 @@ class LinkModel:
     @cache  # noqa: B019
     def _blurred(self, period: str, response: ChannelResponse | None) -> float:
         """Return ln of the required power behind a response, with the window of the link."""
-        changes = {"response": response, "window": self.need(period).window}
-        receiver = with_background(self.dark.replace(**changes), self.background_by(period))
+        ook = self.dark.replace(response=response, window=self.need(period).window)
+        receiver = with_background(ook, self.background_by(period))
         return math.log(receiver.required_power(self.limit))
 
     def _tilt(self, fov_deg: float) -> TiltFactors:
@@ -291,7 +289,7 @@ class LinkModel:
 
     @cache  # noqa: B019 - one study
     def quantile(self, fov_deg: float) -> float:
-        """Return ln q of the given link with another cut of the tilts."""
+        """Return ln q of the given link if its field of view were `fov_deg`."""
         return log_quantile(self.fades.series.gain, self._tilt(fov_deg), self.outage)
 
     @cached_property
@@ -316,24 +314,25 @@ class LinkModel:
 
     @cache  # noqa: B019
     def background_by(self, period: str) -> Background:
-        """Return the background of the given link, by day as in `link_performance`."""
-        return self._seen(period, self.link)
+        """Return the background of the given link, computed as in `link_performance`."""
+        return self._background(period, self.link)
 
-    def _seen(self, period: str, link: Link) -> Background:
+    def _background(self, period: str, link: Link) -> Background:
         """Return the background of a link over the seas."""
         seas = self.ensemble.n if period == DAY else min(self.ensemble.n, _NIGHT_SEAS)
         campaign = self.campaign.for_link(link, _name_of(link))
-        return background_over_seas(campaign, self.days[period], seas, self.flight)
+        return background_over_seas(campaign, self.daylights[period], seas, self.flight)
 
     @cache  # noqa: B019
     def need(self, period: str) -> Need:
-        """Return the required power under a light."""
+        """Return the required power by night or by day."""
         return Need(self.dark, self.background_by(period), self.limit)
 
     @cache  # noqa: B019
     def _brightness(self, period: str) -> Callable[[float], float]:
-        """Return the radiance by field of view, relative to the given link."""
+        """Return the background radiance against field of view, relative to the given link."""
         fov_deg = self.link.only_receiver.fov_deg
+        # by night the dark counts are more than the background, in any view
         if period == NIGHT:
             return lambda fov: 1.0
         views = np.unique([*_VIEWS, fov_deg])
@@ -343,46 +342,56 @@ class LinkModel:
 
     def radiance(self, period: str, link: Link) -> float:
         """Return the mean radiance of a link."""
-        variant = Variant(link, None, daylight=self.days[period])
+        variant = Variant(link, None, daylight=self.daylights[period])
         background = self._rays.background(variant)
         assert background is not None
         return max(background.radiance, 1e-300)
 
     # ---- reserves ---------------------------------------------------------------------------
 
-    def reserve(self, period: str, log_ratio: float = 0.0, **changes: float) -> float:
-        """Return the reserve [dB] at a ratio of gains; `changes` are radius, fov_deg and width."""
+    def reserve(
+        self, period: str, log_ratio: float = 0.0, radius: float | None = None,
+        fov_deg: float | None = None, width: float | None = None,
+    ) -> float:  # fmt: skip
+        """Return the reserve [dB] at a ratio of gains, behind the given or other optics."""
         optics = self.dark.optics
-        fov = changes.get("fov_deg", optics.fov_deg)
-        width = changes.get("width", optics.filter_width_nm)
-        ook = self._behind(changes.get("radius", optics.radius), fov, width)
-        bright = self._brightness(period)(fov) if "fov_deg" in changes else 1.0
-        return self.above(log_ratio + self.quantile(fov), ook, self.needed(period, ook, bright))
+        fov = optics.fov_deg if fov_deg is None else fov_deg
+        # a scan over the lens or the filter needs no backgrounds of other views
+        bright = 1.0 if fov_deg is None else self._brightness(period)(fov)
+        ook = self._behind(
+            optics.radius if radius is None else radius,
+            fov,
+            optics.filter_width_nm if width is None else width,
+        )
+        return self.margin_db(log_ratio + self.quantile(fov), ook, self.needed(period, ook, bright))
 
     def needed(self, period: str, ook: OokLink, brightness: float = 1.0) -> float:
-        """Return the required power of a transmission under a light of other brightness [W]."""
+        """Return the required power [W] for a background scaled by `brightness`."""
         return float(self.need(period)(brightness * self.background_by(period).count_rate(ook)))
 
     def _behind(self, radius: float, fov_deg: float, width: float) -> OokLink:
         """Return the transmission in the dark behind other optics."""
-        optics = {"radius": radius, "fov_deg": fov_deg, "filter_width_nm": width}
-        ook = self.dark.replace(optics=self.dark.optics.replace(**optics))
+        optics = self.dark.optics.replace(radius=radius, fov_deg=fov_deg, filter_width_nm=width)
+        ook = self.dark.replace(optics=optics)
         if ook.response is not None and ook.response.angle_deg:
+            # late light comes from aside: a narrower view has a shorter response
             seen = tuple(a for a in ook.response.angle_deg if a <= 0.5 * fov_deg)
             ook = ook.replace("response.angle_deg", seen)
         return ook
 
-    def above(self, log_gain: float, ook: OokLink, need: float) -> float:
-        """Return a gain over the required one [dB]."""
+    def margin_db(self, log_gain: float, ook: OokLink, need: float) -> float:
+        """Return the margin of a gain over the required one [dB]."""
+        # a closed eye, or no light: no number of decibels opens it
         if math.isinf(need) or math.isinf(log_gain):
             return -math.inf
         return DECIBELS * (log_gain + math.log(float(ook.received_power(1.0)) / need))
 
     def at_rate(self, period: str, bit_rate: float, window: float | None = None) -> OokLink:
-        """Return the transmission under a light at another bit rate, by default with its window.
+        """Return the receiver at another bit rate, by night or by day.
 
         A given window is a share of the bit; else the best one is sought.
         """
+        # a window in seconds would take in the next bit at a higher rate
         if window is None and self.dark.window is not None:
             window = self.dark.window * self.dark.bit_rate / bit_rate
         dark = self.dark.replace(bit_rate=bit_rate, window=window)
@@ -390,7 +399,8 @@ class LinkModel:
 
     def brightness(self, period: str, wavelengths_nm: Sequence[float]) -> Floats:
         """Return the radiances at wavelengths [nm] over that at the wavelength of the link."""
-        day, own_nm = self.days[period], self.link.transmitters[0].wavelength_nm
+        day, own_nm = self.daylights[period], self.link.transmitters[0].wavelength_nm
+        # the night and a uniform sky have one radiance at all wavelengths
         if day.pattern == "uniform":
             return np.ones(len(wavelengths_nm))
         backgrounds = self._rays.at_wavelengths(self.link, day, wavelengths_nm)
@@ -403,8 +413,8 @@ class LinkModel:
         `bright` is its radiance relative to the given link.
         """
         nm, background = link.transmitters[0].wavelength_nm, self.background_by(period)
-        day = self.days[period].at_wavelength(nm)
-        origin = {**background.provenance, "daylight": day.model_dump(mode="json")}
+        day = self.daylights[period].at_wavelength(nm)
+        origin = background.provenance | {"daylight": day.model_dump(mode="json")}
         seen = replace(
             background, radiance=bright * background.radiance, wavelength_nm=nm, provenance=origin
         )
@@ -412,7 +422,7 @@ class LinkModel:
         receiver = with_background(dark, seen)
         log_ratio -= self.pulse_loss(period, self.link, link.water)
         gain = log_ratio + self.quantile(link.only_receiver.fov_deg)
-        return self.above(gain, receiver, receiver.required_power(self.limit))
+        return self.margin_db(gain, receiver, receiver.required_power(self.limit))
 
     def figures(self, period: str) -> Figures:
         """Return the figures of the given link, as in `link_performance`."""
@@ -424,7 +434,7 @@ class LinkModel:
         return Figures(
             period, described(receiver, background), point.outage, point.ber,
             point.margin_optical_db.value,
-            self.above(self.quantile(self.link.only_receiver.fov_deg), self.dark,
+            self.margin_db(self.quantile(self.link.only_receiver.fov_deg), self.dark,
                         self.need(period).exact),
             _error_db(self.quantile_stderr, background), point.capacity.hard,
         )  # fmt: skip
@@ -443,7 +453,7 @@ class LinkModel:
         lines.append(_same("lens on the detector (etendue)", parts.concentration_db))
         lines.append(_same("transmission of the filter", parts.filter_db))
         lines.append(_same("received power", received, unit="dBm", total=True))
-        needs = [self._needs(period) for period in LIGHTS]
+        needs = [self._needs(period) for period in PERIODS]
         names = ("power for the limit, every photon counted", "photon detection efficiency",
                  "dark counts, crosstalk and afterpulses", "response of the channel",
                  "background light")  # fmt: skip
@@ -452,6 +462,7 @@ class LinkModel:
             lines.append(Line(f"minus {name}", unit, -night, -day))
         night, day = (received - sum(row) for row in needs)
         lines.append(Line("margin of the mean", "dB", night, day, total=True))
+        # the quantile over the mean: what is left of the margin when fading takes its share
         fade = DECIBELS * (self.quantile(self.link.only_receiver.fov_deg) - math.log(leaned))
         name, error = f"fading at an outage of {100.0 * self.outage:g} %", self.quantile_stderr
         lines.append(_same(name, fade, DECIBELS * error))
@@ -468,31 +479,28 @@ class LinkModel:
             return [_same("geometry, surface and water", gain_db, chain_error_db)]
         straight = link.replace("water.b", 0.0)
         empty = straight.replace("water.a", 0.0)
-        self.means.find([straight, empty])
-        absorbed, error_a = self.means.ratio(straight, empty)
-        scattered, error_b = self.means.ratio(link, straight)
+        self.means.compute([straight, empty])
+        absorbed, error_a = self.means.log_ratio(straight, empty)
+        scattered, error_b = self.means.log_ratio(link, straight)
         water = [_same("absorption in the water", DECIBELS * absorbed, DECIBELS * error_a)]
-        if DECIBELS * error_b > _UNKNOWN_DB:
-            rest, error = (
-                gain_db - DECIBELS * absorbed,
-                math.hypot(chain_error_db, DECIBELS * error_a),
-            )
-            return [_same("geometry, surface and scattering", rest, error), *water]
-        water.append(_same("scattering in the water", DECIBELS * scattered, DECIBELS * error_b))
-        rest, error = gain_db - DECIBELS * (scattered + absorbed), math.hypot(error_a, error_b)
-        return [
-            _same("geometry and surface", rest, math.hypot(chain_error_db, DECIBELS * error)),
-            *water,
-        ]
+        name, rest, error = (
+            "geometry, surface and scattering",
+            gain_db - DECIBELS * absorbed,
+            error_a,
+        )
+        if DECIBELS * error_b <= _UNKNOWN_DB:
+            water.append(_same("scattering in the water", DECIBELS * scattered, DECIBELS * error_b))
+            name, rest = "geometry and surface", gain_db - DECIBELS * (scattered + absorbed)
+            error = math.hypot(error_a, error_b)
+        return [_same(name, rest, math.hypot(chain_error_db, DECIBELS * error)), *water]
 
     def _needs(self, period: str) -> tuple[float, ...]:
         """Return the required power of an ideal detector [dBm] and penalties of parts [dB]."""
         need = self.need(period)
-        quiet = {"sipm.dark_count_rate": 0.0, "sipm.p_crosstalk": 0.0, "sipm.p_afterpulse": 0.0}
-        prompt = need.fixed.replace(response=None)
-        free = prompt
-        for key, value in quiet.items():
-            free = free.replace(key, value)
+        prompt = free = need.fixed.replace(response=None)
+        for key in ("sipm.dark_count_rate", "sipm.p_crosstalk", "sipm.p_afterpulse"):
+            free = free.replace(key, 0.0)
+        # each step adds one imperfection, so that the penalties add up to the required power
         steps = (free.replace("sipm.pde", 1.0), free, prompt, need.fixed)
         powers = [ook.required_power(self.limit) for ook in steps] + [need.exact]
         levels = [DECIBELS * math.log(p / 1e-3) if math.isfinite(p) else math.inf for p in powers]
@@ -502,14 +510,17 @@ class LinkModel:
     # ---- other links ------------------------------------------------------------------------
 
     @cache  # noqa: B019
-    def apart(self, link: Link) -> tuple[float, float]:
-        """Return ln q of another link, from a separate run, and its standard error.
+    def separate_run(self, link: Link) -> tuple[float, float]:
+        """Return ln q of another link and its standard error, from a separate run.
 
         Of another receiver along with that of the link, whose photons are spread more evenly.
         """
         ends = tuple(dict.fromkeys((*self.link.receivers, *link.receivers)))
         whole = link.replace("receiver", ends if len(ends) > 1 else ends[0])
-        campaign = self.campaign.for_link(whole, f"link and {_name_of(link)}")
+        campaign = self.campaign.for_link(whole, f"link and {_name_of(link)}")._replace(
+            progress=None
+        )
+        # one sea alone has no spread
         steps = campaign.surfaces(max(min(self.seas, _RUN_SEAS), 2))
         gains = campaign._replace(progress=None).gains(steps)[0, 0, :, -1]  # (seas, shifts)
         means, total = gains.mean(axis=1), float(gains.mean())
@@ -520,23 +531,23 @@ class LinkModel:
         return log_quantile(means, tilt, self.outage), self._quantile_error(means, tilt, error)
 
     @cache  # noqa: B019
-    def run(self, period: str, link: Link, width: float) -> tuple[float, float]:
-        """Return the reserve of a link with other optics by a separate run, and its error [dB].
+    def reserve_of_run(self, period: str, link: Link, width: float) -> tuple[float, float]:
+        """Return the reserve of a link with other optics and its error [dB], from a separate run.
 
         With its own background, averaging window and fading.
         """
-        log, error = self.apart(link)
-        background = self._seen(period, link)
+        log, error = self.separate_run(link)
+        background = self._background(period, link)
         aperture = link.only_receiver
         dark = self._behind(aperture.radius, aperture.fov_deg, width)
         if self.spreads:
             dark = dark.replace(response=self.response(link))
         need = with_background(dark, background).required_power(self.limit)
-        return self.above(log, dark, need), _error_db(error, background)
+        return self.margin_db(log, dark, need), _error_db(error, background)
 
 
 def _error_db(log_error: float, background: Background) -> float:
-    """Return the error of a reserve [dB]: of the light, and of the background by its rays."""
+    """Combine the errors of gain and background into that of a reserve [dB]."""
     # the need grows as the root of the background, at most
     spread = 0.5 * background.radiance_stderr / max(background.radiance, 1e-300)
     return DECIBELS * math.hypot(log_error, spread)
@@ -551,5 +562,5 @@ def _name_of(link: Link) -> str:
 def _same(
     name: str, value: float, stderr: float = 0.0, unit: str = "dB", total: bool = False
 ) -> Line:
-    """Return a line that is the same by night and by day."""
+    """Return a budget line with equal values by night and by day."""
     return Line(name, unit, value, value, stderr, total)

@@ -15,10 +15,10 @@ from meshtrace.results.provenance import water_of
 from meshtrace.stored import Stored, Variable
 from meshtrace.tables import text_table
 
-LightName = Literal["night", "day"]
+Period = Literal["night", "day"]
 NIGHT: Final = "night"
 DAY: Final = "day"
-LIGHTS: tuple[LightName, ...] = (NIGHT, DAY)
+PERIODS: tuple[Period, ...] = (NIGHT, DAY)
 _WIDTH = 100  # of the sentences of a page
 _NAMES = {
     "radius": "lens of radius",
@@ -81,7 +81,7 @@ class BestValue(NamedTuple):
         Remark.
     """
 
-    light: LightName
+    light: Period
     key: str
     unit: str
     given: float
@@ -186,12 +186,12 @@ class Design(Stored, kind="design", title="meshtrace design"):
 
     def at(self, light: str) -> Figures:
         """Return the figures by "night" or by "day"."""
-        require_word(light, LIGHTS, "light")
-        return self.figures[LIGHTS.index(light)]
+        require_word(light, PERIODS, "light")
+        return self.figures[PERIODS.index(light)]
 
     def choice(self, key: str, light: str = DAY) -> BestValue:
         """Return the best value of a key, alone."""
-        require_word(light, LIGHTS, "light")
+        require_word(light, PERIODS, "light")
         by_key = {choice.key: choice for choice in self.choices if choice.light == light}
         require_word(key, by_key, "key")
         return by_key[key]
@@ -204,7 +204,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
         words = (
             f"{'closes' if self.closes(period) else 'does not close'} by {period} "
             f"({self.at(period).reserve:+.1f} dB)"
-            for period in LIGHTS
+            for period in PERIODS
         )
         return ", ".join(words)
 
@@ -216,7 +216,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
         """
         share = f"{100.0 * (1.0 - self.outage):g} % of the time"
         lines = []
-        for period in LIGHTS:
+        for period in PERIODS:
             reserve, error = self.at(period).reserve, self.at(period).reserve_stderr
             if math.isinf(reserve):
                 lines.append(f"By {period}: no. No power closes it.")
@@ -231,7 +231,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
             ]
         return tuple(lines)
 
-    def _best_optics(self, period: LightName) -> str:
+    def _best_optics(self, period: Period) -> str:
         """Return the best lens, field of view and filter together, and the reserve with them."""
         best = [value for value in self.together if value.light == period]
         left = self.reserve_together(period)
@@ -248,7 +248,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
         more = f"{10.0 ** (-0.1 * left):.3g} times the power of the lamp"
         return f"{text} short; with {more} they would close it."
 
-    def _alone(self, period: LightName) -> str:
+    def _alone(self, period: Period) -> str:
         """Return the changes of one key that close a link that does not."""
         if self.closes(period):
             return ""
@@ -280,7 +280,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
             f"BEST VALUES BY {period.upper()}, each alone; flat within 0.5 dB or the error\n"
             "gained is reserve, for a bit rate the rate after hard decisions\n\n"
             f"{_choices_table([choice for choice in self.choices if choice.light == period])}"
-            for period in LIGHTS
+            for period in PERIODS
         ]
         parts = [
             ("ANSWER", "", *map(wrapped, self.answer)),
@@ -321,7 +321,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
             f"{value.note}"
             for value in self.together[:: len(lines) or 1]
         )
-        heads = ("key", "given", *(head for period in LIGHTS for head in (period, "flat")))
+        heads = ("key", "given", *(head for period in PERIODS for head in (period, "flat")))
         return [text_table(lines, heads), *gains]
 
     def _reach_lines(self) -> list[str]:
@@ -335,7 +335,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
 
         notes = [f"depth by {r.light}: {r.note}" for r in self.reach
                  if r.key.endswith(".depth") and r.note]  # fmt: skip
-        return [text_table(_by_key(self.reach, cell), ("key", "given", *LIGHTS)), *notes]
+        return [text_table(_by_key(self.reach, cell), ("key", "given", *PERIODS)), *notes]
 
     def _budget_table(self) -> str:
         lines = [
@@ -349,7 +349,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
             )
             for line in self.budget
         ]
-        return text_table(lines, ("", *LIGHTS, "std. error", "unit"))
+        return text_table(lines, ("", *PERIODS, "std. error", "unit"))
 
 
 def _by_key(table: Sequence[Row], cell: Callable[[Row], Sequence[str]]) -> list[tuple[str, ...]]:
@@ -359,7 +359,7 @@ def _by_key(table: Sequence[Row], cell: Callable[[Row], Sequence[str]]) -> list[
         by_period = {value.light: value for value in table if value.key == key}
         first = next(iter(by_period.values()))
         row = [_named(key, first.unit), f"{first.given:.4g}"]
-        for period in LIGHTS:
+        for period in PERIODS:
             row += cell(by_period[period]) if period in by_period else [""] * len(cell(first))
         lines.append(tuple(row))
     return lines

@@ -11,25 +11,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.interpolate import PchipInterpolator
 
-from meshtrace.apps.designs.model import (
-    COLOUR,
-    DEFAULT_CHAINS,
-    LENS,
-    RATE,
-    VIEW,
-    WIDTH,
-    LinkModel,
-)
-from meshtrace.apps.designs.page import DAY, LIGHTS, BestValue, Design, LightName, Reach
+from meshtrace.apps.designs.model import COLOUR, DEFAULT_CHAINS, LENS, RATE, VIEW, WIDTH, LinkModel
+from meshtrace.apps.designs.page import DAY, PERIODS, BestValue, Design, Period, Reach
 from meshtrace.checks import ErrorRate, Probability, check_call
 from meshtrace.comms.background import filter_shift_nm
 from meshtrace.comms.capacity import capacity, hard_information
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_keys,
-)
+from meshtrace.errors import Described, Refused, require_keys
 from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.parallel import results_of
@@ -128,13 +116,14 @@ def _page(study: _Study, campaign: Campaign, ranges: Bounds | None) -> Design:
     """Return the page of a study; independent parts share the threads, the longest first."""
     bounds = study.bounds(ranges)
     study.prepare(bounds)
+    # the scans of lens, view and filter are shared with the search for all three together
     alone = [key for key in bounds if key not in OPTICS]
     (by_key, together), night, day, *others = results_of(
         campaign.threads,
         partial(study.optics, bounds),
-        *(partial(study.greatest_depth, period) for period in LIGHTS),
+        *(partial(study.greatest_depth, period) for period in PERIODS),
         *(partial(study.scans, key, bounds[key]) for key in alone),
-        *(partial(study.figures, period) for period in LIGHTS),
+        *(partial(study.figures, period) for period in PERIODS),
         study.budget,
     )
     *reaches, by_night, by_day, budget = others
@@ -142,7 +131,7 @@ def _page(study: _Study, campaign: Campaign, ranges: Bounds | None) -> Design:
     scans = [scan for key in bounds for scan in by_key[key]]
     reach = [
         row
-        for period, depth in zip(LIGHTS, (night, day), strict=True)
+        for period, depth in zip(PERIODS, (night, day), strict=True)
         for row in study.reach(period, depth, scans)
     ]
     return Design(
@@ -157,11 +146,11 @@ def _page(study: _Study, campaign: Campaign, ranges: Bounds | None) -> Design:
         reserves=np.array([scan.reserves for scan in scans]),
         notes=study.notes(),
         status=study.dark.status,
-        provenance={
-            **campaign.provenance(campaign.link),
-            **study.ensemble.provenance(),
+        provenance=campaign.provenance(campaign.link)
+        | study.ensemble.provenance()
+        | {
             "ook": study.dark.model_dump(mode="json"),
-            "daylight": study.days[DAY].model_dump(mode="json"),
+            "daylight": study.daylights[DAY].model_dump(mode="json"),
         },
     )
 
@@ -200,19 +189,18 @@ class _Study(LinkModel):
         return bounds | checked_bounds(ranges or {})
 
     def scans(self, key: str, bounds: tuple[float, float]) -> list[Scan]:
-        """Return the reserves over the values of a key under the lights that have it."""
+        """Scan the reserve over the values of a key, by night and by day where both exist."""
         values = self._values(key, bounds)
         if key == RATE:
-            return [self._bit_rates(period, values) for period in LIGHTS]
+            return [self._bit_rates(period, values) for period in PERIODS]
         if key == COLOUR:
             return self._colours(values)
         logs, errors = self._logs(key, values)
-        name, scans = {LENS: "radius", VIEW: "fov_deg", WIDTH: "width"}.get(key), []
-        for period in LIGHTS:
-            reserves = [
-                self.reserve(period, log, **({name: v} if name else {}))
-                for v, log in zip(values.tolist(), logs[period], strict=True)
-            ]
+        optics = [[v if name == key else None for name in OPTICS] for v in values.tolist()]
+        scans = []
+        for period in PERIODS:
+            pairs = zip(logs[period], optics, strict=True)
+            reserves = [self.reserve(period, log, *changed) for log, changed in pairs]
             scans.append(self._scan(period, key, values, np.array(reserves), DECIBELS * errors))
         return scans
 
@@ -220,7 +208,9 @@ class _Study(LinkModel):
         """Return the values of a scan, the link's among them."""
         present = self._given(key)
         spaced = np.linspace if key.endswith("position.0") else np.geomspace
+        # a gain is counted from the value of the link, which the scan must hold
         values = spaced(*bounds, _POINTS)
+        # a gain is counted from the value of the link, which must be among those of the scan
         if bounds[0] <= present <= bounds[1]:
             values[np.abs(values - present).argmin()] = present
         return values
@@ -230,20 +220,20 @@ class _Study(LinkModel):
         return float(Variant(self.link, None, self.dark).value(key))
 
     def _logs(self, key: str, values: Floats) -> tuple[dict[str, Floats], Floats]:
-        """Return the log ratios of the gains to the link's by light, and their errors.
+        """Return log gain ratios to the given link, by night and by day, and their errors.
 
         Less the power that the response of the channel costs.
         """
         if key == WIDTH:
-            return {light: np.zeros(len(values)) for light in LIGHTS}, np.zeros(len(values))
+            return dict.fromkeys(PERIODS, np.zeros(len(values))), np.zeros(len(values))
         straight = key.endswith("position.0")
         at = values if straight else np.log(values)
         step, links, places = 2 if key == VIEW else 1, self._at(key, values), at[_nodes(key)]
-        logs, errors = np.array([self.means.ratio(link) for link in links]).T
-        by_period: dict[str, Floats] = dict.fromkeys(LIGHTS, _through(places, logs, at))
+        logs, errors = np.array([self.means.log_ratio(link) for link in links]).T
+        by_period: dict[str, Floats] = dict.fromkeys(PERIODS, _through(places, logs, at))
         if key == LENS:  # which changes no delays
             return by_period, np.interp(at, places, errors)
-        for period in LIGHTS:
+        for period in PERIODS:
             losses = np.array([self.pulse_loss(period, link) for link in links[::step]])
             by_period[period] = by_period[period] - _through(places[::step], losses, at)
         return by_period, np.interp(at, places, errors)
@@ -254,26 +244,28 @@ class _Study(LinkModel):
         return [base.set(key, value).link for value in values[_nodes(key)].tolist()]
 
     def prepare(self, bounds: Bounds) -> None:
-        """Find what all parts of the page share: gains, lights and needs, and the own response."""
+        """Compute what several parts of the page need: gains, required powers, channel response."""
         keys = (key for key in bounds if key not in (WIDTH, RATE, COLOUR))
         links = [link for key in keys for link in self._at(key, self._values(key, bounds[key]))]
         results_of(
             self.campaign.threads,
             lambda: self.fades,
-            partial(self.means.find, links),  # with common random numbers
-            *(partial(self.need, period) for period in LIGHTS),
+            partial(self.means.compute, links),  # with common random numbers
+            *(partial(self.need, period) for period in PERIODS),
             lambda: self.spreads and self.response(self.link),
         )
 
-    def _bit_rates(self, period: LightName, values: Floats) -> Scan:
+    def _bit_rates(self, period: Period, values: Floats) -> Scan:
         """Return the reserves over bit rates; the best has the largest rate of hard decisions."""
         error = self.quantile_stderr
         gain = self.quantile(self.link.only_receiver.fov_deg)
         nodes = values[:: len(values) // _WINDOWS]
+        # the best window is sought at a few rates: as a share of the bit it changes slowly
         shares = [self.at_rate(period, v).averaging_window * v for v in nodes.tolist()]
         self.windows[period] = np.log(nodes), np.array(shares)
         ooks = [self.at_rate(period, v, self.window_at(period, v)) for v in values.tolist()]
-        coarse = [self.above(gain, ook, ook.required_power(self.limit)) for ook in ooks[::2]]
+        # the reserve is smooth over the rate, and its search for a power the costly part
+        coarse = [self.margin_db(gain, ook, ook.required_power(self.limit)) for ook in ooks[::2]]
         reserves = np.interp(np.log(values), np.log(values[::2]), coarse)
         carried, errors = [], []
         for ook in ooks:
@@ -287,7 +279,7 @@ class _Study(LinkModel):
         merit = 10.0 * np.log10(np.maximum(carried, 1e-3))
         return self._scan(period, RATE, values, reserves, np.abs(high - low), merit)
 
-    def window_at(self, period: LightName, bit_rate: float) -> float:
+    def window_at(self, period: Period, bit_rate: float) -> float:
         """Return the averaging window at a bit rate, interpolated in the scan [s]."""
         return float(np.interp(math.log(bit_rate), *self.windows[period])) / bit_rate
 
@@ -298,7 +290,7 @@ class _Study(LinkModel):
         links = [self.link.at_wavelength(nm) for nm in nodes.tolist()]
         logs, errors = self.colours(links, int(np.searchsorted(nodes, own_nm)))
         scans = []
-        for period in LIGHTS:
+        for period in PERIODS:
             try:
                 bright = self.brightness(period, nodes.tolist())
                 each = zip(links, logs, bright.tolist(), strict=True)
@@ -315,22 +307,24 @@ class _Study(LinkModel):
         return filter_shift_nm(self.link.transmitters[0].wavelength_nm, 0.5 * fov_deg)
 
     def _scan(
-        self, period: LightName, key: str, values: Floats, reserves: Floats, errors: Floats,
+        self, period: Period, key: str, values: Floats, reserves: Floats, errors: Floats,
         merit: Floats | None = None,
     ) -> Scan:  # fmt: skip
-        """Return the scan of a key with its best value, by a merit in dB other than the reserve."""
+        """Return a scan with its best value, that of highest reserve or of a given merit [dB]."""
         present = self._given(key)
         allowed, notes = np.ones(len(values), bool), []
         sought, at_present = reserves, self.reserve(period)
         if merit is not None:
             sought, at_present = merit, float(np.interp(math.log(present), np.log(values), merit))
         if key == WIDTH:
+            # outside of its band at the edge of the view a narrow filter would take light away
             least = self._least_width(self.link.only_receiver.fov_deg)
             allowed = values >= min(least, values[-1])
             sought = reserves = np.where(allowed, reserves, math.nan)
             notes.append(f"shift at the edge of the view {least:.2g} nm")
         best = int(np.argmax(np.where(allowed, sought, -np.inf)))
         inside = allowed & (sought >= sought[best] - np.maximum(_FLAT_DB, errors))
+        # values that the errors cannot tell from the best one are as good
         low, high = _around(inside, best)
         if best in (0, len(values) - 1) and values[best] != present:
             notes.append("at the bound")
@@ -344,17 +338,18 @@ class _Study(LinkModel):
         return Scan(choice, values, reserves)
 
     def optics(self, bounds: Bounds) -> tuple[dict[str, list[Scan]], list[BestValue]]:
-        """Return the scans of lens, view and filter, each alone, and their best values together."""
+        """Scan lens, view and filter separately, and find their best combination."""
         alone = {key: self.scans(key, bounds[key]) for key in OPTICS}
-        return alone, [row for period in LIGHTS for row in self._together(period, bounds)]
+        return alone, [row for period in PERIODS for row in self._together(period, bounds)]
 
-    def _together(self, period: LightName, bounds: Bounds) -> tuple[BestValue, ...]:
-        """Return the best lens, view and filter together, with their gain by a separate run."""
+    def _together(self, period: Period, bounds: Bounds) -> tuple[BestValue, ...]:
+        """Return the best combination of lens, view and filter, evaluated in a separate run."""
         radii, views = (self._values(key, bounds[key]) for key in (LENS, VIEW))
         by_radius, by_view = (
             self._logs(key, x)[0][period] for key, x in ((LENS, radii), (VIEW, views))
         )
         radii, views, by_radius, by_view = (x[::2] for x in (radii, views, by_radius, by_view))
+        # logarithms of both ratios are added: what lens and view do to each other a run tells
         least = bounds[WIDTH][0]
         reserves = np.array([
             [
@@ -369,7 +364,7 @@ class _Study(LinkModel):
         best = {"radius": float(radii[i]), "fov_deg": float(views[j])}
         width = max(least, self._least_width(best["fov_deg"]))
         link = self.link.replace(LENS, best["radius"]).replace(VIEW, best["fov_deg"])
-        reserve, error = self.run(period, link, width)
+        reserve, error = self.reserve_of_run(period, link, width)
         gained = reserve - self.reserve(period)
         note = f"by a separate run; {reserves[i, j]:+.1f} dB by the scans"
         widths = [max(least, self._least_width(v)) for v in views[near.any(axis=0)].tolist()]
@@ -385,10 +380,8 @@ class _Study(LinkModel):
             for key, unit, present, value, flat in table
         )  # fmt: skip
 
-    def reach(
-        self, period: LightName, greatest: tuple[float, str], scans: list[Scan]
-    ) -> list[Reach]:
-        """Return the values of keys, each alone, at which the link just closes."""
+    def reach(self, period: Period, greatest: tuple[float, str], scans: list[Scan]) -> list[Reach]:
+        """Return the value of each key at which the link just closes, all others unchanged."""
         reserve = self.reserve(period)
         end = "receiver" if self.link.direction == "down" else "transmitter"
         depth, note = greatest
@@ -406,8 +399,9 @@ class _Study(LinkModel):
                 reaches.append(_closing(choice, values, reserves))
         return reaches
 
-    def _bit_rate(self, period: LightName, scans: list[Scan]) -> float:
+    def _bit_rate(self, period: Period, scans: list[Scan]) -> float:
         """Return the greatest bit rate that closes [bit s-1], near the scan's."""
+        # the scan brackets the rate, with a margin of 2 % for its interpolation
         known = next(s for s in scans if (s.choice.key, s.choice.light) == (RATE, period))
         rates, near = np.log(known.values), known.reserves >= 0.0
         low = float(rates[near].max(initial=math.log(_BIT_RATES[0]))) - 0.02
@@ -417,7 +411,7 @@ class _Study(LinkModel):
         def closes(log_rate: float) -> bool:
             rate = math.exp(log_rate)
             ook = self.at_rate(period, rate, self.window_at(period, rate))
-            return self.above(gain, ook, ook.required_power(self.limit)) >= 0.0
+            return self.margin_db(gain, ook, ook.required_power(self.limit)) >= 0.0
 
         if not closes(low):
             return math.nan
@@ -426,7 +420,7 @@ class _Study(LinkModel):
             low, high = (middle, high) if closes(middle) else (low, middle)
         return math.exp(low)
 
-    def greatest_depth(self, period: LightName) -> tuple[float, str]:
+    def greatest_depth(self, period: Period) -> tuple[float, str]:
         """Return the greatest depth that closes [m], and the reserve of a run there.
 
         The run begins at the depth that would close if the law of the fading stayed.
@@ -437,11 +431,11 @@ class _Study(LinkModel):
 
         def by_means(depth: float) -> tuple[float, float]:
             log = self.quantile(self.link.only_receiver.fov_deg)
-            log += self.means.ratio(self.link.at_depth(depth))[0]
+            log += self.means.log_ratio(self.link.at_depth(depth))[0]
             return self._at_depth(period, depth, log), _NEAR_DB
 
         def by_run(depth: float) -> tuple[float, float]:
-            log, error = self.apart(self.link.at_depth(depth))
+            log, error = self.separate_run(self.link.at_depth(depth))
             return self._at_depth(period, depth, log), max(_NEAR_DB, DECIBELS * error)
 
         first = start[0] * (0.9 if start[1] >= 0.0 else 0.7)
@@ -455,17 +449,20 @@ class _Study(LinkModel):
             return math.nan, "none below the waves"
         if math.isnan(depth):
             return math.nan, "no depth found"
-        error = DECIBELS * self.apart(self.link.at_depth(depth))[1]
+        error = DECIBELS * self.separate_run(self.link.at_depth(depth))[1]
         return depth, f"a run there: {above:+.1f} +- {error:.1f} dB"
 
-    def _at_depth(self, period: LightName, depth: float, log_quantile: float) -> float:
-        """Return the reserve at a depth [dB]; a receiver in the water has its light there."""
+    def _at_depth(self, period: Period, depth: float, log_quantile: float) -> float:
+        """Return the reserve at a depth [dB]; a submerged receiver sees the background there."""
+        # a receiver in the air has its background whatever the depth of the lamp
         bright = 1.0
         if self.link.direction == "down" and period == DAY:
             bright = self.radiance(period, self.link.at_depth(depth))
             bright /= self.radiance(period, self.link)
         lost = self.pulse_loss(period, self.link.at_depth(depth))
-        return self.above(log_quantile - lost, self.dark, self.needed(period, self.dark, bright))
+        return self.margin_db(
+            log_quantile - lost, self.dark, self.needed(period, self.dark, bright)
+        )
 
 
 def _nodes(key: str) -> NDArray[np.intp]:
@@ -475,14 +472,14 @@ def _nodes(key: str) -> NDArray[np.intp]:
 
 
 def _around(allowed: NDArray[np.bool_], i: int) -> tuple[int, int]:
-    """Return the ends of the row of true values around one of them."""
+    """Return first and last index of the run of true values that contains i."""
     others = np.flatnonzero(~allowed)
     low = others[others < i].max(initial=-1) + 1
     return int(low), int(others[others > i].min(initial=len(allowed)) - 1)
 
 
 def _through(places: Floats, values: Floats, at: Floats) -> Floats:
-    """Return a smooth curve through finite values at places."""
+    """Interpolate finite values smoothly; -inf where fewer than two are finite."""
     finite = np.isfinite(values)
     if finite.sum() < 2:
         return np.full(len(at), -math.inf)
@@ -490,7 +487,7 @@ def _through(places: Floats, values: Floats, at: Floats) -> Floats:
 
 
 def _closing(choice: BestValue, values: Floats, reserves: Floats) -> Reach:
-    """Return the closing value of a key nearest to the link's.
+    """Return the value of a key nearest to the link's at which the link just closes.
 
     The value up to which it closes, down to which for a lens, if that of the link closes.
     """
@@ -498,6 +495,7 @@ def _closing(choice: BestValue, values: Floats, reserves: Floats) -> Reach:
     closes, nearest = reserves >= 0.0, int(np.abs(values - present).argmin())
     if not closes.any():
         return Reach(period, key, unit, present, math.nan, "at most")
+    # of several ranges that close the one next to the present value is the least change
     near = min(np.flatnonzero(closes).tolist(), key=lambda k: abs(k - nearest))
     low, high = _around(closes, near)
     rising = near < nearest or (near == nearest and key != LENS)

@@ -9,11 +9,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, Self, get_args
+from typing import Any, Self, get_args
 
 from meshtrace.comms import OokLink
 from meshtrace.comms.ook import Preset
 from meshtrace.errors import Refused, is_number, require_keys, require_word
+from meshtrace.models import Model
 from meshtrace.optics import Water, WaterType
 from meshtrace.optics.spectra import WATER_TYPES
 from meshtrace.scenario import Scenario
@@ -27,10 +28,10 @@ GIVEN = "as given"
 """Word for a part of the link as given at the start."""
 
 
-class Control(NamedTuple):
+class Control(Model, frozen=True):
     """A value that the user of the explorer moves.
 
-    Attributes
+    Parameters
     ----------
     name : str
         Name of the control and of its variable in the page.
@@ -38,7 +39,7 @@ class Control(NamedTuple):
         Texts beside it.
     group : str
         Heading of its group.
-    keys : list of str
+    keys : tuple of str
         Dotted keys of a link file, of which the first present one is set.
     low, high : float
         Range of the slider; see `State.ranges`.
@@ -54,7 +55,7 @@ class Control(NamedTuple):
     label: str
     unit: str
     group: str
-    keys: list[str]
+    keys: tuple[str, ...]
     low: float
     high: float
     step: float
@@ -66,7 +67,7 @@ _ROWS = tomllib.loads(
     Path(__file__).with_name("assets").joinpath("controls.toml").read_text(encoding="utf-8")
 )
 
-CONTROLS = tuple(Control(name=name, **row) for name, row in _ROWS.items())
+CONTROLS = tuple(Control.model_validate(row | {"name": name}) for name, row in _ROWS.items())
 """All controls with a number, in the order of the page."""
 
 BY_NAME = {control.name: control for control in CONTROLS}
@@ -86,10 +87,10 @@ CASE_1 = "chlorophyll"
 _CHLOROPHYLL = 0.5  # of the choice [mg m-3]
 
 
-class Choice(NamedTuple):
+class Choice(Model, frozen=True):
     """A word that the user of the explorer chooses.
 
-    Attributes
+    Parameters
     ----------
     label, group : str
         Text beside it, and heading of its group.
@@ -102,12 +103,16 @@ class Choice(NamedTuple):
     words: tuple[str, ...]
 
 
+_SKIES = "none", "clear", "overcast", "moon", "night"
 CHOICES = {
-    "water": Choice("Type", "Water", (GIVEN, CASE_1, *WATER_TYPES)),
-    "lamp": Choice("Kind", "Lamp", (GIVEN, *_LAMPS)),
-    "detector": Choice("Detector", "Receiver", (GIVEN, *get_args(Preset))),
-    "aircraft": Choice("Aircraft", "Receiver", (GIVEN, *UAVS)),
-    "light": Choice("Daylight", "Bits", (GIVEN, "none", "clear", "overcast", "moon", "night")),
+    name: Choice(label=label, group=group, words=(GIVEN, *words))
+    for name, label, group, words in (
+        ("water", "Type", "Water", (CASE_1, *WATER_TYPES)),
+        ("lamp", "Kind", "Lamp", tuple(_LAMPS)),
+        ("detector", "Detector", "Receiver", get_args(Preset)),
+        ("aircraft", "Aircraft", "Receiver", tuple(UAVS)),
+        ("light", "Daylight", "Bits", _SKIES),
+    )
 }
 """Choices by name."""
 
@@ -118,9 +123,9 @@ def groups() -> dict[str, dict[str, list[dict[str, Any]]]]:
     for c in CONTROLS:
         title = f"{c.label} [{c.unit}]" if c.unit else c.label
         group = by_tab.setdefault(c.group, {"choices": [], "numbers": []})
-        group["numbers"].append({**c._asdict(), "title": title})
+        group["numbers"].append(c.model_dump() | {"title": title})
     for name, choice in CHOICES.items():
-        by_tab[choice.group]["choices"].append({"name": name, **choice._asdict()})
+        by_tab[choice.group]["choices"].append(choice.model_dump() | {"name": name})
     return by_tab
 
 
@@ -146,6 +151,7 @@ def value_of(config: Mapping[str, Any], control: Control) -> float | None:
     place = _place(config, control)
     if place is None or not is_number(place[0][place[1]]):  # a profile
         return None
+    # twelve digits, or 0.05 m would show as 5.000000000000001 cm
     return float(f"{control.per_unit * place[0][place[1]]:.12g}")
 
 
@@ -169,12 +175,14 @@ def with_value(config: Table, control: Control, value: float) -> Table:
 
 
 def with_coefficients(config: Table) -> Table:
-    """Return tables whose water has the values that follow from its spectrum as numbers."""
+    """Return tables whose water has numbers in place of its spectrum."""
+    # beside a spectrum a moved a or b would be refused
     water = Scenario.from_config(config).link.water
     if water.spectrum is None or water.layers is not None:
         return config
     names = Water.model_fields.keys() - {"spectrum", "wavelength_nm", "layers"}
-    return {**config, "water": plain(Water(**{name: getattr(water, name) for name in names}))}
+    numbers = Water.model_validate({name: getattr(water, name) for name in names})
+    return config | {"water": plain(numbers)}
 
 
 def with_choice(config: Table, name: str, word: str) -> Table:
@@ -199,7 +207,7 @@ def with_choice(config: Table, name: str, word: str) -> Table:
         "aircraft": {"preset": word},
         "light": {"model": word},
     }[name]
-    return {**config, {"aircraft": "uav", "light": "daylight"}.get(name, name): table}
+    return config | {{"aircraft": "uav", "light": "daylight"}.get(name, name): table}
 
 
 def _with_lamp(config: Table, word: str) -> Table:
@@ -211,10 +219,11 @@ def _with_lamp(config: Table, word: str) -> Table:
     lamp, angle = place
     kind, key = _LAMPS[word]
     kind = f"air-{kind}" if "height" in lamp else kind
-    widest = min(lamp[angle], _widest(kind))
-    common_keys = {k: lamp[k] for k in _OF_LAMPS if k in lamp}
-    lamp.clear()
-    lamp.update({**common_keys, "kind": kind, key: widest})
+    half_angle = min(lamp[angle], _widest(kind))
+    # in place, as the lamp may be an item of a list; keys of one kind alone are refused by another
+    for stale in lamp.keys() - set(_OF_LAMPS):
+        del lamp[stale]
+    lamp.update({"kind": kind, key: half_angle})
     return config
 
 
@@ -228,7 +237,7 @@ _OF_LAMPS = ("position", "depth", "height", "zenith_deg", "azimuth_deg", "tilt_d
 
 
 def slider_range(control: Control, value: float | None) -> tuple[float, float]:
-    """Return the ends of a slider, twice as far as the value if it lies outside.
+    """Return the range of a slider, extended to twice the value if that lies outside.
 
     Examples
     --------
@@ -244,7 +253,7 @@ def slider_range(control: Control, value: float | None) -> tuple[float, float]:
 
 
 def _place(config: Mapping[str, Any], control: Control) -> tuple[Any, Any] | None:
-    """Return the table or list that holds the first key of a control that there is, and its key.
+    """Find the first key of a control that a link file has; return its table or list, and the key.
 
     Of a list of parts the first one counts.
     """
@@ -265,7 +274,7 @@ def _place(config: Mapping[str, Any], control: Control) -> tuple[Any, Any] | Non
 
 @dataclass(frozen=True)
 class State:
-    """A scenario with the moves of its controls and the time of its sea.
+    """A scenario, the controls that the user has moved, and the time of the sea.
 
     Parameters
     ----------
@@ -306,11 +315,12 @@ class State:
             If a control is unknown, or its value or the link that it makes is not allowed.
         """
         require_keys(values, [*BY_NAME, *CHOICES])
-        moves = {**dict(self.moves), **values}
+        moves = dict(self.moves) | dict(values)
         ended = {other for name in values for other in _REPLACED.get(name, ())}
         for name in ended - values.keys():
             moves.pop(name, None)
         initial = State(self.initial).settings
+        # parts first: the values that they bring decide which other moves are none
         parts = {n: v for n, v in moves.items() if n in _PARTS and v != initial[n]}
         if "lamp" in values and "half_angle" in moves.keys() - values.keys():
             widest = State(self.initial, tuple(parts.items())).ranges["half_angle"][1]
@@ -333,6 +343,7 @@ class State:
         if not self.moves:
             return self.initial
         config = self._config
+        # a detector that nobody asked for stays out of the link file
         if self.initial.detector is None and not _OF_DETECTOR & dict(self.moves).keys():
             config = {key: table for key, table in config.items() if key != "detector"}
         return Scenario.from_config(config)
@@ -358,10 +369,11 @@ class State:
 
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float]]:
-        """Ends of the sliders: as wide as the link as given, within what lamp and water allow."""
+        """Ranges of the sliders: those of the initial link, within what lamp and water allow."""
         start = self if not self.moves else State(self.initial)
         ranges = {n: slider_range(control, start.values[n]) for n, control in BY_NAME.items()}
         lamp, spectrum = self.scenario.link.transmitters[0], self.scenario.link.water.spectrum
+        # a Gaussian beam has no half angle of 60 degrees or more
         low, high = ranges["half_angle"]
         ranges["half_angle"] = low, min(high, _widest(lamp.kind))
         if spectrum is not None:
@@ -396,9 +408,9 @@ class State:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Values of all controls, with the words chosen for water and light."""
-        words = dict.fromkeys(CHOICES, GIVEN)
-        return {**self.values, **words, **{k: v for k, v in self.moves if k in CHOICES}}
+        """Values of all controls and words of all choices."""
+        words = dict.fromkeys(CHOICES, GIVEN) | {k: v for k, v in self.moves if k in CHOICES}
+        return self.values | words
 
     @cached_property
     def channel(self) -> Scenario:
@@ -407,7 +419,7 @@ class State:
 
     @cached_property
     def _parts(self) -> Table:
-        """Tables of the link as given with the chosen parts, and the detector in use."""
+        """Tables of the initial link with the chosen parts and the detector in use."""
         scenario, moves = self.initial, dict(self.moves)
         if scenario.detector is None:
             scenario = scenario.replace(detector=detector_of(OokLink(), scenario.link))

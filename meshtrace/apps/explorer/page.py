@@ -92,7 +92,7 @@ class Page:
         self._drawn = asyncio.Event()
         self._token = new_token()
         self._browsers = 0
-        self._kept: tuple[State, dict[str, Any]] | None = None  # with the parts of its scene
+        self._state_a: tuple[State, dict[str, Any]] | None = None  # with the parts of its scene
         self._design: asyncio.Task[None] | None = None
         self._designed: State | None = None
         self._fill(title, base)
@@ -101,7 +101,7 @@ class Page:
             self.server.trigger(action.__name__)(action)
         self.server.state.change(*BY_NAME, *CHOICES)(self._moved)
         self.server.state.change("playing")(self._play_or_pause)
-        self.server.controller.on_exception.add(self._tell)
+        self.server.controller.on_exception.add(self._report)
 
     async def start(self, host: str) -> asyncio.Task[Any]:
         """Start to serve on a free port; return the task that ends with the session.
@@ -114,9 +114,11 @@ class Page:
         self._loop = asyncio.get_running_loop()
         self.server.cli.set_defaults(authKey=self._token)
         self.server.controller.on_server_bind.add(functools.partial(self._bind, host))
-        options: Any = {"port": 0, "host": host, "timeout": _IDLE, "exec_mode": "coroutine"}
-        quiet: Any = {"show_connection_info": False, "open_browser": False, "thread": True}
-        task = asyncio.create_task(self.server.start(**options, **quiet, disable_logging=True))
+        serving: Any = self.server.start(
+            port=0, host=host, timeout=_IDLE, exec_mode="coroutine", thread=True,
+            show_connection_info=False, open_browser=False, disable_logging=True,
+        )  # fmt: skip
+        task = asyncio.create_task(serving)
         task.add_done_callback(self._end)
         ready = self.server.ready
         first = asyncio.FIRST_COMPLETED
@@ -139,7 +141,7 @@ class Page:
         return visited.with_port(self.port).with_path("/index.html").with_query(token=self._token)
 
     def _end(self, _: Any) -> None:
-        """Release the session, its running sea and its scene."""
+        """Release the session and cancel all work for it."""
         self.session.close()
         for due in (self._running, self._design, self._scene_due, self._resync):
             if due is not None:
@@ -148,10 +150,11 @@ class Page:
         AVAILABLE_SERVERS.pop(self.server.name, None)
 
     def _bind(self, host: str, web_server: Any) -> None:
-        """Add the door and the answers that need it: the page, and the way to its connection."""
+        """Install access checks, and routes for the page and the address of its connection."""
 
         async def index(request: web.Request) -> web.Response:
             html = Path(self.server.server_options.content, "index.html").read_text("utf-8")
+            # trame asks this address for its connection, without the query of the page
             place = f'<html data-session-manager-url="paraview/?token={self._token}"'
             headers = {"Content-Security-Policy": policy(request, html)}
             text = _FIXED_ZOOM.sub("", html.replace("<html", place, 1))
@@ -179,7 +182,7 @@ class Page:
         guard(web_server.app, host, self._token, {"/", "/index.html", "/paraview/", "/ws"})
         web_server.app.middlewares.append(count)
 
-    def _tell(self, error: BaseException) -> None:
+    def _report(self, error: BaseException) -> None:
         """Show an error as a line in the page; an internal one on the console, too."""
         if isinstance(error, ConnectionResetError):  # a browser has just been closed
             return
@@ -203,14 +206,14 @@ class Page:
         self._refresh()
 
     def design(self) -> None:
-        """Start to design the present state beside all other work, or end that."""
+        """Start a design of the present state in another process, or cancel the one that runs."""
         if self._design is not None:
             self._design.cancel()
         elif self._loop is not None:
             self._design = self._loop.create_task(self._show_design(self.session.state))
 
     async def _show_design(self, state: State) -> None:
-        """Show the design of a state once it is made, until then the seconds of the work."""
+        """Show the elapsed seconds until the design of a state is complete, then the design."""
         loop, page = asyncio.get_running_loop(), self.server.state
         start, work = loop.time(), asyncio.ensure_future(stages.design_of(state.scenario))
         shown = None
@@ -226,7 +229,7 @@ class Page:
         except Refused as error:
             shown = {"problem": str(error)}
         except Exception as error:
-            self._tell(error)
+            self._report(error)
         self._design = None
         with page:
             page.designing = None
@@ -242,30 +245,30 @@ class Page:
     def scene_ready(self) -> None:
         """Send the whole scene to a page that has been loaded."""
         self.server.js_call("scene", "show", self.scene.parts)
-        if self._kept is not None:
-            self.server.js_call("scene", "keep", self._kept[1])
+        if self._state_a is not None:
+            self.server.js_call("scene", "keep", self._state_a[1])
 
     def drawn(self) -> None:
-        """Let a running sea go on: a browser has drawn it."""
+        """Continue the running sea: a browser has drawn its last frame."""
         self._drawn.set()
 
     def compare(self) -> None:
         """Toggle the comparison with the present state as A."""
-        self._keep(self._kept is None)
+        self._keep(self._state_a is None)
 
     def swap(self) -> None:
-        """Return to state A, and keep the present one in its place."""
-        if self._kept is not None:
-            before = self._kept[0]
+        """Exchange the present state and state A."""
+        if self._state_a is not None:
+            before = self._state_a[0]
             self._keep(True)
-            self._restore({**dict(before.moves), "time": before.time})
+            self._restore(dict(before.moves) | {"time": before.time})
 
     def _keep(self, present: bool) -> None:
         page, session = self.server.state, self.session
-        self._kept = (session.state, dict(self.scene.parts)) if present else None
+        self._state_a = (session.state, dict(self.scene.parts)) if present else None
         reading, fading = readings.gain_reading(session), readings.fading_reading(session)
         page.kept = {"reading": reading, "fading": fading, "lines": []} if present else None
-        self.server.js_call("scene", "keep", self._kept[1] if self._kept else None)
+        self.server.js_call("scene", "keep", self._state_a[1] if self._state_a else None)
         self._refresh()
 
     def restore(self, values: dict[str, Any]) -> None:
@@ -274,7 +277,7 @@ class Page:
         self._restore(values)
 
     def _restore(self, values: dict[str, Any]) -> None:
-        """Show a state of values of the moved controls and the time [s]."""
+        """Show the state with these values of moved controls and this time [s]."""
         values = dict(values)
         time = _number(values.pop("time", self.session.state.initial.meshing.time))
         self.session.forget()
@@ -289,8 +292,8 @@ class Page:
         """Set all variables of the page."""
         state, page = self.session.state, self.server.state
         page.trame__title, page.trame__template_main = "meshtrace explorer", _TEMPLATE
-        page.update({**state.settings, "title": title, "base": base})
-        page.update({"controls": groups(), "labels": readings.LABELS, "colors": COLORS})
+        page.update(state.settings | {"title": title, "base": base, "colors": COLORS})
+        page.update({"controls": groups(), "labels": readings.LABELS})
         page.update(dict.fromkeys(("refused", "text", "text_title"), ""))
         page.update(dict.fromkeys(("playing", "text_shown", "design_shown"), False))
         page.update(dict.fromkeys(("kept", "design", "designing")))
@@ -318,7 +321,7 @@ class Page:
         self._scene_soon()
 
     def _refused(self, moves: dict[str, Any]) -> dict[str, Refused]:
-        """Move all controls together, or else each that can; return the refusals of the others."""
+        """Move all controls at once, or else one by one; return the refusals by control."""
         refused: dict[str, Refused] = {}
         try:
             self.session.move(moves, answer=False)  # the scene is first: it is ready sooner
@@ -330,7 +333,7 @@ class Page:
         return refused
 
     def _resync_soon(self) -> None:
-        """Send controls that were refused once they rest, and again after their next value.
+        """Resend refused controls when they have come to rest, and again after their next value.
 
         That value may be on its way while the one in place of the refused value is, which then
         overwrites it in the field.
@@ -347,6 +350,7 @@ class Page:
 
     def _scene_soon(self) -> None:
         """Update the scene once for all moves of a short time."""
+        # one update is on its way, and takes the state as it is then
         if self._loop is None or self._scene_due is not None:
             return
         wait = max(self._scene_time + _SCENE_PERIOD - self._loop.time(), 0.0)
@@ -363,12 +367,12 @@ class Page:
         except Refused:  # the answer reports it
             pass
         except Exception as error:
-            self._tell(error)
+            self._report(error)
         finally:
             self.session.answer_now()
 
     def _show_light(self) -> None:
-        """Show the rays and the map of the state as far as they are made, and refresh the views."""
+        """Show those rays and maps that are complete, and refresh the views."""
         self.scene.show_rays(self._shown("rays"))
         coverage = self._shown("map")
         self.scene.show_map(coverage, None if coverage is None else readings.map_shades(coverage))
@@ -397,27 +401,25 @@ class Page:
                 if name in ("rays", "map") and self.session.fresh(name) and not self._running:
                     self._show_light()
         except Exception as error:
-            self._tell(error)
+            self._report(error)
 
     def _refresh(self) -> None:
         """Set the readings, the charts and the marks of stale answers."""
         session, page = self.session, self.server.state
-        stale = {name: not session.fresh(name) for name in STAGES}
         other = self._designed is not None and self._designed.moves != session.state.moves
-        page.stale = {**stale, "design": other}
+        page.stale = {name: not session.fresh(name) for name in STAGES} | {"design": other}
         page.update(session.state.limits)
         page.working = session.working
         page.reading = readings.gain_reading(session)
         page.fading = readings.fading_reading(session)
         page.caption = readings.caption(session)
         page.map_note = readings.map_note(session)
-        moves, time = dict(session.state.moves), session.state.time
-        page.moves = (
-            moves if time == session.state.initial.meshing.time else {**moves, "time": time}
-        )
-        if self._kept is not None:
-            lines = readings.differences(self._kept[0], session.state)
-            page.kept = {**page.kept, "lines": lines}
+        # what the address of the page holds: the time only where it is another
+        page.moves, time = dict(session.state.moves), session.state.time
+        if time != session.state.initial.meshing.time:
+            page.moves = page.moves | {"time": time}
+        if self._state_a is not None:
+            page.kept = page.kept | {"lines": readings.differences(self._state_a[0], session.state)}
 
     def _refresh_views(self) -> None:
         """Set the side view, the plan, the time and the colour bar."""
@@ -432,7 +434,7 @@ class Page:
             self._running = self._loop.create_task(self._run())
 
     async def _run(self) -> None:
-        """Let the sea run in natural time until paused, in a loop over the series."""
+        """Run the sea in natural time until paused, looping over the series."""
         loop, session = asyncio.get_running_loop(), self.session
         start = loop.time() - session.state.time
         try:
@@ -456,7 +458,7 @@ class Page:
                     await asyncio.wait_for(self._drawn.wait(), _PATIENCE)
                 await asyncio.sleep(max(_FRAME_PERIOD - (loop.time() - begun), 0.005))
         except Exception as error:
-            self._tell(error)
+            self._report(error)
             with self.server.state as page:
                 page.playing = False
         finally:
@@ -465,7 +467,7 @@ class Page:
 
 
 def _number(value: Any) -> Any:
-    """Return the number of a text field, or its text."""
+    """Convert the text of a field to a number if possible."""
     try:
         return float(value)
     except (TypeError, ValueError):
@@ -478,7 +480,7 @@ def new_token() -> str:
 
 
 def guard(app: web.Application, host: str, token: str, private: Collection[str]) -> None:
-    """Let an application answer its own host and origin alone, and some paths with a token.
+    """Install middleware that refuses foreign hosts and origins, and protects paths by a token.
 
     Parameters
     ----------
@@ -515,7 +517,7 @@ def guard(app: web.Application, host: str, token: str, private: Collection[str])
 
 
 def policy(request: web.Request, page: str) -> str:
-    """Return the Content-Security-Policy of a page: its own scripts, this server, no frame."""
+    """Return the Content-Security-Policy of a page: its scripts and this server only, no frames."""
     digests = (hashlib.sha256(script.encode()).digest() for script in _INLINE.findall(page))
     scripts = (f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
     return _POLICY.format(host=request.host, scripts=" ".join(scripts))
@@ -526,6 +528,7 @@ def _is_of(request: web.Request, host: str) -> bool:
     if request.transport is None:
         return False
     address, port, *_ = request.transport.get_extra_info("sockname")
+    # a page may be opened by the name of this machine, too
     names = {host, address}
     names.add("localhost" if ip_address(address).is_loopback else socket.gethostname())
     try:

@@ -15,7 +15,7 @@ from matplotlib.colors import to_hex
 
 import meshtrace
 from meshtrace import CoverageMap, surfaces
-from meshtrace.apps.designs.page import LIGHTS, BestValue, Design, Reach
+from meshtrace.apps.designs.page import PERIODS, BestValue, Design, Reach
 from meshtrace.apps.explorer.controls import BY_NAME, CHOICES, State
 from meshtrace.apps.explorer.stages import (
     DURATION,
@@ -76,15 +76,14 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
     empty: dict[str, Any] = dict.fromkeys(("gain", "db", "unscattered", "chains"), "–")
     empty |= {"notes": [], "value": None, "lean": _lean(session.state)}
     if isinstance(answer, Failed):
-        return {**empty, **_NO_BITS, "notes": [answer.reason]}
+        return empty | _NO_BITS | {"notes": [str(answer)]}
     if not isinstance(answer, Signal):
-        return {**empty, **_NO_BITS}
+        return empty | _NO_BITS
     result, gain, sample, share = answer.gain, float(answer.gain.gains[0]), "photons", "–"
     if result.gain_ballistic is not None:
         unscattered = float(np.ravel(result.gain_ballistic)[0])
         sample, share = "chains", f"{100.0 * unscattered / gain if gain > 0.0 else 0.0:.1f} %"
-    texts_of = {
-        **empty,
+    reading = empty | {
         "value": gain,
         "gain": with_error(gain, float(result.stderrs[0])),
         "db": decibels(gain),
@@ -97,8 +96,8 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
         gaps = np.abs(series.time - session.state.time)
         now = float(np.interp(session.state.time, series.time, series.gain))
         if len(gaps) and gaps.min() < 1.0 / FADING_RATE:  # not within a gap of the series
-            texts_of |= {"value": now, "gain": f"{now:.3e}", "db": decibels(now)}
-    return {**texts_of, **_bits(answer)}
+            reading |= {"value": now, "gain": f"{now:.3e}", "db": decibels(now)}
+    return reading | _bits(answer)
 
 
 def _lean(state: State) -> str:
@@ -124,19 +123,20 @@ def _bits(signal: Signal) -> dict[str, str]:
         "margin": minus(f"{margin:+.1f} dB") if np.isfinite(margin) else "–",
         "ber": bit_error_rate(signal.ber),
         "spread": _spread(detector),
-        "light": signal.light or "dark",
-        "background": f"{detector.background_rate:.2g} counts/s" if signal.light else "–",
+        "light": signal.daylight or "dark",
+        "background": f"{detector.background_rate:.2g} counts/s" if signal.daylight else "–",
     }
 
 
 def _spread(detector: OokLink) -> str:
-    """Return the rms delay spread of the channel, and its cost if it counts."""
+    """Return the rms delay spread of the channel and, if it matters, its power penalty."""
     if detector.response is None:
         return "–"
     text = f"{1e9 * detector.response.rms_spread:.2g} ns"
     if detector.filters.response is None:
         return f"{text}, short"
     text = f"{text}, {detector.spread_in_bits:.2g} bit"
+    # what the spread of the pulses costs in power
     cost = detector.required_power(LIMIT) / detector.replace(response=None).required_power(LIMIT)
     return f"{text}, {minus(f'{10.0 * math.log10(cost):.1f} dB')}" if np.isfinite(cost) else text
 
@@ -147,7 +147,7 @@ def fading_reading(session: Session) -> dict[str, Any]:
     empty: dict[str, Any] = {"time": [], "gain": [], "duration": DURATION, "note": ""}
     empty |= dict.fromkeys(("index", "all_waves", "low"), "–")
     if isinstance(fading, Failed):
-        return {**empty, "note": fading.reason}
+        return empty | {"note": str(fading)}
     if not isinstance(fading, Fading) or not fading.gain.any():
         return empty
     relative = fading.gain / fading.gain.mean()
@@ -182,7 +182,7 @@ def differences(before: State, now: State) -> list[str]:
 def map_note(session: Session) -> str:
     """Return the reason for the lack of a map, or nothing."""
     coverage = session.answer("map")
-    return coverage.reason if isinstance(coverage, Failed) and session.fresh("map") else ""
+    return str(coverage) if isinstance(coverage, Failed) and session.fresh("map") else ""
 
 
 def map_shades(coverage: CoverageMap) -> Any:
@@ -191,12 +191,13 @@ def map_shades(coverage: CoverageMap) -> Any:
 
     share = coverage.gain / max(float(coverage.gain.max()), 1e-300)
     shades = (255.0 * colormaps["viridis"](share)).astype(np.uint8)
+    # a dark map lets the scene below it through
     shades[..., 3] = np.rint(255.0 * np.clip(0.1 + 1.2 * share, 0.0, 0.92))
     return shades
 
 
 def map_image(coverage: CoverageMap) -> dict[str, Any]:
-    """Return a map as a picture with its limits [m], its colours and its peak."""
+    """Return a map as an image with its limits [m], colour scale and peak."""
     from matplotlib import colormaps
     from PIL import Image
 
@@ -234,6 +235,7 @@ def with_error(value: float, error: float) -> str:
     """
     if value <= 0.0 or not math.isfinite(value):
         return f"{value:g}"
+    # both numbers over one power of ten, so that their digits can be compared
     exponent = math.floor(math.log10(value))
     value, error = value / 10.0**exponent, error / 10.0**exponent
     digits = 4 if error <= 0.0 else min(max(1 - math.floor(math.log10(error)), 0), 6)
@@ -289,18 +291,18 @@ def design_reading(design: Design) -> dict[str, Any]:
 
     Values are in the units of the controls.
     """
-    values, remarks = ("", "given", *LIGHTS), []
+    values, remarks = ("", "given", *PERIODS), []
     for choice in design.choices:
         remarks += [f"{_scale(choice.key, '')[0]}: {choice.note}"] if choice.note else []
     gained = {c.light: f"{c.gained:+.1f} ± {c.gained_stderr:.1f} dB" for c in design.together}
-    together = ["Gained", "", *(minus(gained.get(period, "–")) for period in LIGHTS)]
+    together = ["Gained", "", *(minus(gained.get(period, "–")) for period in PERIODS)]
     tables = (
-        ("Figures", ("", *LIGHTS), _figures(design)),
+        ("Figures", ("", *PERIODS), _figures(design)),
         ("Best values, each alone", values, _by_key(design.choices, _best_alone)),
         ("Best lens, view and filter together", values,
          [*_by_key(design.together, _best), together]),
         ("Just closes, each alone", values, _by_key(design.reach, _closing)),
-        ("Budget", ("", *LIGHTS, "unit"), _budget(design)),
+        ("Budget", ("", *PERIODS, "unit"), _budget(design)),
     )  # fmt: skip
     return {
         "answer": [line.strip().replace("+-", "±") for line in design.answer],
@@ -347,7 +349,7 @@ def _best_alone(choice: BestValue, scale: float) -> str:
 
 
 def _closing(row: Reach, scale: float) -> str:
-    """Return the bound up to which a link closes, as far as the scan reaches."""
+    """Return the limit up to which a link closes, or the end of the scan."""
     if math.isnan(row.value):
         return "none"
     whole = row.note == "end of the scan"
@@ -367,7 +369,7 @@ def _budget(design: Design) -> list[list[str]]:
 
 
 def _scale(key: str, unit: str) -> tuple[str, float]:
-    """Return the label of the control of a key with the unit, and its scale."""
+    """Return the label with unit and the scale of the control that has a key."""
     for control in BY_NAME.values():
         if key in control.keys:
             return f"{control.label} [{control.unit}]", control.per_unit
@@ -384,6 +386,7 @@ def as_toml(scenario: Scenario) -> str:
 
     The full configuration if the shorter text would be another scenario.
     """
+    # with a detector, or that of the scenario would be printed in full
     default = Scenario.from_toml("").replace(detector=OokLink())
     short = _difference(scenario.to_config(), default.to_config())
     if scenario.detector is not None:
@@ -397,7 +400,7 @@ def as_toml(scenario: Scenario) -> str:
 
 
 def _difference(table: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of nested tables that differ from the defaults; kinds are kept."""
+    """Return the entries of nested tables that differ from the defaults; other kinds in full."""
     changed: dict[str, Any] = {}
     for key, value in table.items():
         other = default.get(key)
@@ -432,6 +435,7 @@ def as_python(scenario: Scenario) -> str:
         return "\n".join([*lines, "print(scenario.simulate().summary())", ""])
     with_bits = scenario.detector is not None or scenario.daylight is not None
     receiver = scenario.detector or OokLink()
+    # the bits of the page are behind the response of the channel, which needs the arrivals
     through = with_bits and receiver.response is None
     run += ", record=[mt.Arrivals()]" if through else ""
     lines += [link, sea, f"result = mt.simulate(link, sea, {run})", "print(result.summary())"]
@@ -458,7 +462,7 @@ def as_python(scenario: Scenario) -> str:
 
 
 def _daylight(day: Daylight) -> str:
-    """Return the Python expression of a light, by its model if that gives the irradiances."""
+    """Return the Python expression of a daylight, by its model if that reproduces it."""
     try:
         recipe = daylight_recipe(day)
     except Refused:

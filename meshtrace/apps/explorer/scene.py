@@ -59,7 +59,7 @@ _COLORS = ((0.3, 0.1, 1), (0.1, 0.25, 1), (0.1, 0.6, 1), (0.1, 1, 0.45), (0.8, 1
 
 
 def light_color(wavelength_nm: float) -> tuple[float, float, float]:
-    """Return the colour of light in linear red, green and blue, for looks.
+    """Return an illustrative colour of a wavelength in linear red, green and blue.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def light_color(wavelength_nm: float) -> tuple[float, float, float]:
 
 
 class LiveScene:
-    """Scene of a link over its sea, updated in parts.
+    """Scene of a link over its sea; only changed parts are sent to the page.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class LiveScene:
         self.update(state)
 
     def update(self, state: State, running: bool = False) -> None:
-        """Renew the parts that depend on a state, except rays and map.
+        """Update the parts that depend on a state, except rays and map.
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ class LiveScene:
             self._set("link", _link(state.scenario.link, stage))
 
     def frame_anew(self) -> None:
-        """Let the next link set the camera, however similar to the one before."""
+        """Reset the camera at the next link."""
         self._framed = 0.0
 
     def changes(self) -> dict[str, Any]:
@@ -136,7 +136,7 @@ class LiveScene:
         self._set("rays", b"" if paths is None else segments(paths).tobytes())
 
     def show_map(self, coverage: CoverageMap | None, shades: Any) -> None:
-        """Show or remove a map, of which the colours (n, n, 4) are given, x first."""
+        """Show a map with its colours (n, n, 4), x first, or remove it."""
         image = None
         if coverage is not None:
             half = 0.5 * float(coverage.x[1] - coverage.x[0])
@@ -149,6 +149,7 @@ class LiveScene:
         """Return points (x, z) [m] of the waves along x through the middle of the stage."""
         assert self._drawn is not None
         vertices = self._drawn.vertices
+        # the grid line next to the middle
         distance = np.abs(vertices[:, 1] - self.stage.center[1])
         line = vertices[distance < distance.min() + 1e-4 * self.stage.half]
         line = line[np.argsort(line[:, 0])]
@@ -194,6 +195,7 @@ class LiveScene:
         self._surface, self._key = case.surface, state.moves
         stage = stage_of(case.link, case.surface, None)
         self.stage = self._on_square(stage)
+        # a camera that jumps at every move of a slider would lose the reader
         if not _NEW_FRAME[0] < stage.size / max(self._framed, 1e-9) < _NEW_FRAME[1]:
             self._framed, self._framing = stage.size, self._framing + 1
 
@@ -232,16 +234,18 @@ class LiveScene:
         self._set("sea", {key: a.astype(np.float32).tobytes() for key, a in arrays.items()})
 
     def _look(self, state: State, mesh: TriangleMesh) -> dict[str, Any]:
-        """Return the light on the sea of a state, and the waves that its mesh leaves out."""
+        """Return the illumination of the sea and the short waves that its mesh leaves out."""
         wind = wind_of(self._surface)
         day, sky_color = _sky_of(state.scenario.daylight)
         sea_light = SeaLight.from_link(state.scenario.link, day, wind)
         angle = math.radians(wind[1])
+        # a breaking crest has a vertical normal, whose slope would be infinite
         slopes = mesh.vertex_normals[:, :2] / np.maximum(mesh.vertex_normals[:, 2:], 0.2)
         variances, least = left_out(mesh, longest_left_out(self._surface))
         tile = _tile((float(variances[0]), float(variances[1])), least, wind[1])
         upwelling = math.pi * WATER_BRIGHTNESS * sea_light.upwelling
         inside = np.array(_LEAST_INSIDE) * min(1.0, _MOST_INSIDE / float(upwelling.max()))
+        # streaks are Gaussian: foam is where they exceed the quantile of its share
         foam = 1.1 * norm.ppf(1.0 - sea_light.foam) if sea_light.foam > 0.0 else 100.0
         glint = 0.0 if day is _DUSK else day.direct / day.irradiance
         return {
@@ -263,6 +267,7 @@ def _tile(variances: tuple[float, float], least: float, wind_deg: float) -> dict
     Red and green are the slopes x and y over `scale`, blue the sum of their squares, of which
     smaller copies of the tile keep the mean; alpha has the streaks from -4 to 4.
     """
+    # two of the longest waves left out, so that the repetition is not seen
     size = 4.0 * math.pi / least
     drawn = short_waves(size, _TEXELS, variances, least, wind_deg)
     scale = 4.0 * max(float(drawn.slopes.std()), 1e-4)
@@ -275,7 +280,7 @@ def _tile(variances: tuple[float, float], least: float, wind_deg: float) -> dict
 
 
 def _end(part: Any, axes: tuple[int, int], half: float, sign: float) -> dict[str, Any] | None:
-    """Return place and cone of a lamp or receiver in two of the axes; None for sun and sky."""
+    """Return position and cone of a lamp or receiver in two axes; None for sun and sky."""
     if not hasattr(part, "depth") and not hasattr(part, "height"):
         return None
     i, j = axes
@@ -287,7 +292,7 @@ def _end(part: Any, axes: tuple[int, int], half: float, sign: float) -> dict[str
 
 
 def segments(paths: PhotonPaths) -> Any:
-    """Return the pieces of paths, shape (n, 7): both ends [m], and 1 for scattered light."""
+    """Return path segments (n, 7): both ends [m], and 1 for scattered light."""
     points, k = path_segments(paths)
     scattered = (paths.length > 3)[points, None]
     ends = paths.vertex[points, k], paths.vertex[points, k + 1]
@@ -299,7 +304,7 @@ def _ends(values: Floats, half: float) -> tuple[float, float]:
 
 
 def _sky_of(day: Daylight | None) -> tuple[Daylight, tuple[float, float, float]]:
-    """Return the sky that is drawn for a light, and its brightness: the last of dusk at night."""
+    """Return the sky to draw for a daylight, and its brightness; late dusk stands for night."""
     if day is None or day.light == "moonless night":
         return _DUSK, _DUSK_TINT
     if day.irradiance < _LEAST_IRRADIANCE:
@@ -321,12 +326,13 @@ def _sky_image(day: Daylight) -> dict[str, Any]:
     color = sky_colors(day, towards.reshape(-1, 3))
     scale = float(color.max())
     pixels = np.full((512, 4), 255, np.uint8)
+    # bytes of roots hold a dark sky beside a bright one
     pixels[:, :3] = np.rint(255.0 * np.sqrt(color / scale))
     return {"bytes": pixels.tobytes(), "scale": scale}
 
 
 def _link(link: Link, stage: Stage) -> dict[str, Any]:
-    """Return the lamps, receivers and aircraft of a link, and the light of its first lamp."""
+    """Return lamps, receivers and aircraft of a link, and the colour of its first lamp."""
     lamps = [_lamp(s, link) for s in link.transmitters if isinstance(s, WaterSource | AirLamp)]
     receivers = [
         {"place": r.center, "axis": r.axis, "half": 0.5 * r.fov_deg, "radius": r.radius}
@@ -352,24 +358,25 @@ def _link(link: Link, stage: Stage) -> dict[str, Any]:
 
 
 def _strength(source: Source) -> float:
-    """Return the brightness of the light of a lamp in the picture, 1 for 100 mW."""
+    """Return the displayed brightness of a lamp, 1 for 100 mW."""
     return min(max((source.power_mw / 100.0) ** 0.25, 0.5), 2.0)
 
 
 def _loss(water: Water) -> float:
-    """Return the attenuation of a beam with its light that is scattered forwards [m-1]."""
+    """Return the displayed attenuation of a beam [m-1]; forward scattering loses little."""
     return water.a + 0.1 * water.b  # a share for looks
 
 
 def _lamp(source: WaterSource | AirLamp, link: Link) -> dict[str, Any]:
-    """Return a lamp as it shines at its place ("own"), and in the water as from "place"."""
+    """Return the beam of a lamp at its position ("own") and as it seems to start in the water."""
     half, bright = source.spread_deg, 0.4 * _strength(source)
     x, y, z = source.center
     bright *= min(math.exp(_loss(link.water) * abs(z) / 3.0), 5.0) if z < 0.0 else 1.0
     own_axis, own_shape = _beam(source.pattern, half, source.axis, abs(z), bright)
-    fields = {"at": source.center, "own": {"axis": own_axis, "shape": own_shape}}
+    in_place = {"at": source.center, "own": {"axis": own_axis, "shape": own_shape}}
     if z < 0.0:
-        return {**fields, "place": [x, y, z, 0.0], "axis": own_axis, "shape": own_shape}
+        return in_place | {"place": [x, y, z, 0.0], "axis": own_axis, "shape": own_shape}
+    # by Snell's law the cone of a lamp in the air has another apex in the water
     n, (u, v, w) = link.water.n / link.n_air, source.axis
     bent = (u / n, v / n, -math.sqrt(1.0 - (u * u + v * v) / n**2))
     narrow = math.degrees(math.asin(math.sin(math.radians(min(half, 89.0))) / n))
@@ -377,7 +384,7 @@ def _lamp(source: WaterSource | AirLamp, link: Link) -> dict[str, Any]:
     back = way * math.tan(math.radians(min(half, 80.0))) / math.tan(math.radians(max(narrow, 0.01)))
     apex = [x + way * u - back * bent[0], y + way * v - back * bent[1], -back * bent[2], 1.0]
     axis, shape = _beam(source.pattern, narrow, bent, abs(apex[2]) * 1.5, bright)
-    return {**fields, "place": apex, "axis": axis, "shape": shape}
+    return in_place | {"place": apex, "axis": axis, "shape": shape}
 
 
 def _beam(
@@ -391,6 +398,7 @@ def _beam(
     angle = math.radians(max(min(half, 179.0), 0.2))
     power = {"led": math.log(0.5) / math.log(max(math.cos(min(angle, 1.5)), 1e-9)),
              "gaussian-beam": 4.0 / angle**2, "isotropic": 1e-3}.get(pattern, 0.0)  # fmt: skip
+    # the cone ends where the light is down to 3 %
     drawn = math.acos(0.03 ** (1.0 / power)) if power > 0.0 else angle
     tangent = math.tan(min(drawn, math.radians(78.0)))
     return [*axis, math.cos(angle)], [power, tangent, max(way / 3.0, 0.05), bright]

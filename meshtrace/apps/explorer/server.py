@@ -26,7 +26,7 @@ MOST_SESSIONS = 16
 
 
 class Explorer:
-    """Web server that opens a separate page for every visit with its token.
+    """Web server that opens a separate session for each visit with a valid token.
 
     Parameters
     ----------
@@ -101,9 +101,10 @@ class Explorer:
             await self._runner.cleanup()
 
     async def _open(self, request: web.Request) -> web.Response:
-        """Make a session and send the browser to its page."""
+        """Create a session and redirect the browser to its page."""
         async with self._opening:  # trame starts one server at a time
             self._tasks = {page: self._tasks[page] for page in self.pages}
+            # each session has threads, a scene and a simulation of its own
             if len(self._tasks) >= MOST_SESSIONS:
                 raise web.HTTPServiceUnavailable(text=f"{MOST_SESSIONS} sessions are open")
             page = Page(self._scenario, self._title, self.url)
@@ -116,6 +117,7 @@ class Explorer:
 
 async def serve(explorer: Explorer, open_browser: bool) -> None:
     """Serve until cancelled or terminated."""
+    # a thread at work holds the interpreter for 5 ms by default, which moved controls would feel
     sys.setswitchinterval(5e-4)
     loop, terminated = asyncio.get_running_loop(), asyncio.Event()
     loop.set_exception_handler(_report)
@@ -154,5 +156,5 @@ def _report(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
 
 
 def _of_open_browsers(record: logging.LogRecord) -> bool:
-    """Return whether a message is no failure to write to a browser that has just been closed."""
+    """Return whether a message is other than a failed write to a closed browser."""
     return not (record.exc_info and isinstance(record.exc_info[1], ConnectionResetError))

@@ -43,12 +43,7 @@ from meshtrace.apps.explorer.controls import BITS_ALONE, State
 from meshtrace.comms import ChannelResponse, OokLink
 from meshtrace.comms.background import warn_of_background, with_background
 from meshtrace.errors import Described, Refused, one_line
-from meshtrace.fading import (
-    Estimate,
-    block_length,
-    scintillation_index,
-    scintillation_of_spectrum,
-)
+from meshtrace.fading import Estimate, block_length, scintillation_index, scintillation_of_spectrum
 from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.parallel import import_path, python_start
@@ -58,7 +53,7 @@ from meshtrace.studies import coverage_map
 from meshtrace.studies.campaign import Steps, campaign_of
 from meshtrace.uav import tilt_outage_note
 
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 Check = Callable[..., None]
 
 CHAINS = (1024, 8192)
@@ -98,7 +93,7 @@ class Signal(NamedTuple):
         Result of the simulation.
     notes : tuple of str
         Warnings.
-    light : str
+    daylight : str
         Name of the light above the sea; "" without.
     detector : OokLink or None
         Transmission through the channel with the background light; None before that is known, and
@@ -109,14 +104,14 @@ class Signal(NamedTuple):
 
     gain: GainResult
     notes: tuple[str, ...] = ()
-    light: str = ""
+    daylight: str = ""
     detector: OokLink | None = None
     ber: float = math.nan
 
 
 @dataclass(frozen=True)
 class Fading:
-    """Gain over a moving sea, as far as it is known.
+    """Gain over a moving sea, complete or up to the present frame.
 
     Attributes
     ----------
@@ -137,39 +132,39 @@ class Fading:
     index_of_all: float | None = None
 
 
-@dataclass(frozen=True)
-class Failed:
+class Failed(str):
     """Reason for the lack of an answer of a stage."""
-
-    reason: str
 
 
 def gains(state: State, check: Check) -> Iterator[Signal]:
-    """Yield the gain at the time of the state without and with bits, roughly, then refined.
+    """Compute the gain at the time of the state and its bits; yield a rough, then a fine answer.
 
     The refined pulses spread by the response of the channel to the same light, as in
     `link_performance`: its averaging window takes half a second to choose.
     """
     analog = isinstance(state.channel.run.estimator, Analog)
-    run: Any = {"time": state.time, "progress": check}
     day, sky_light = state.scenario.daylight, None
     rough, fine = PHOTONS if analog else CHAINS
     for photons in (rough, fine):
         check()
+        # the rough gain is there to be fast: its response would be noise
         record = [Arrivals()] if photons == fine else []
-        work = partial(simulate, state.channel, photons=photons, record=record, **run)
-        gain, notes = _noted(work)
+        gain, notes = _with_warnings(partial(
+            simulate, state.channel, time=state.time, photons=photons, record=record,
+            progress=check,
+        ))  # fmt: skip
         yield Signal(gain, notes)
         if len(state.scenario.link.receivers) == 1:
-            sky_light = sky_light or _noted(partial(_light, state))
-            detector, more = _noted(partial(_detector, state, gain, sky_light[0]))
+            sky_light = sky_light or _with_warnings(partial(_light, state))
+            detector, more = _with_warnings(partial(_detector, state, gain, sky_light[0]))
             ber = float(detector.ber(detector.received_power(float(gain.gain))))
             notes = notes + sky_light[1] + more + _tilt_notes(state)
             yield Signal(gain, notes, day.light if day else "", detector, ber)
 
 
-def _noted(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
-    """Run a function; return its result and the texts of its warnings."""
+def _with_warnings(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
+    """Call a function; return its result and the texts of its warnings."""
+    # of the page they are notes beside the gain, and not lines on the console
     with _WARNINGS, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         result = work()
@@ -177,14 +172,14 @@ def _noted(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
 
 
 def _light(state: State) -> Background | None:
-    """Return the background light of a state; None in the dark."""
+    """Return the background of a state; None without daylight."""
     if state.scenario.daylight is None:
         return None
     return background(state.scenario, time=state.time, photons=BACKGROUND_RAYS)
 
 
 def _detector(state: State, gain: GainResult, sky_light: Background | None) -> OokLink:
-    """Return the transmission of a state behind the response of its channel, in its light."""
+    """Return the receiver of a state with channel response and background light."""
     detector = state.detector
     seen = unless_refused(lambda: impulse_response(gain))  # none of the rough gain or without light
     if detector.response is None and seen is not None:
@@ -211,8 +206,8 @@ def _tilt_notes(state: State) -> tuple[str, ...]:
     return (note,) if note else ()
 
 
-def unless_refused(work: Callable[[], Found]) -> Found | None:
-    """Run a function; return its result, or None if it is refused."""
+def unless_refused(work: Callable[[], Result]) -> Result | None:
+    """Call a function; return its result, or None if it raises `Refused`."""
     try:
         return work()
     except Refused:
@@ -220,7 +215,7 @@ def unless_refused(work: Callable[[], Found]) -> Found | None:
 
 
 def rays(state: State, check: Check) -> Iterator[PhotonPaths]:
-    """Yield paths of received light at the time of the state.
+    """Trace paths of received light at the time of the state.
 
     Where only analog photons follow the link they are paths of any light.
     """
@@ -228,6 +223,7 @@ def rays(state: State, check: Check) -> Iterator[PhotonPaths]:
     scenario = state.channel.replace(meshing=state.channel.meshing.replace(time=state.time))
     mesh, run = scenario.mesh(), scenario.run
     check()
+    # analog photons hit an aperture so seldom that paths of any light are shown
     received = not isinstance(run.estimator, Analog)
     normals = scenario.meshing.normals
     yield trace_paths(
@@ -236,7 +232,7 @@ def rays(state: State, check: Check) -> Iterator[PhotonPaths]:
 
 
 def fading(state: State, check: Check) -> Iterator[Fading]:
-    """Yield the gain over the moving sea from time 0, in parts, then with its statistics.
+    """Compute the gain over the moving sea from time 0; yield it in parts, then with statistics.
 
     Raises
     ------
@@ -257,6 +253,7 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
     for i, gains in enumerate(campaign.each(Steps("time", times, surface))):
         by_shift = gains[0, 0, 0]
         mean, error = by_shift.mean(), error_of_groups(by_shift)
+        # noise of few chains would look like fading
         gain[i] = np.nan if error > _MOST_ERROR * mean else mean
         if (i + 1) % _SHOWN_EVERY == 0 and i + 1 < FADING_FRAMES:
             yield _series(times[: i + 1], gain[: i + 1])
@@ -267,20 +264,22 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
 
 
 def _series(times: Floats, gain: Floats) -> Fading:
-    """Return the gains that are certain enough."""
-    known = np.isfinite(gain)
-    return Fading(times[known], gain[known], int((~known).sum()))
+    """Return the series without gains of large error."""
+    certain = np.isfinite(gain)
+    return Fading(times[certain], gain[certain], int((~certain).sum()))
 
 
 def index_of_all(link: Link, sea: SurfaceModel) -> float | None:
     """Return the closed form over all waves; None off the axis and without a spectrum."""
+    # a tail of omega^-5 has no finite slopes, and no index over all its waves
     short = getattr(sea, "short_waves", sea)
     return unless_refused(lambda: scintillation_of_spectrum(link, short, heights=True))
 
 
 def coverage(state: State, check: Check) -> Iterator[CoverageMap]:
-    """Yield the map of the gain in the plane of the receiver, roughly, then refined."""
+    """Compute the map of the gain in the plane of the receiver; yield a rough, then a fine one."""
     link = state.channel.link
+    # a square as wide as the link is tall
     levels = [t.center[2] for t in link.transmitters] + [r.center[2] for r in link.receivers]
     extent = 0.5 * (max(levels) - min(levels))
     for photons in MAP_PHOTONS:
@@ -303,26 +302,26 @@ async def design_of(scenario: Scenario) -> Design:
         If the design is refused or the process fails, by the last line of its error.
     """
     with TemporaryDirectory(prefix="meshtrace-") as folder:
-        link, made = Path(folder, "link.toml"), Path(folder, "design.nc")
+        link, result_file = Path(folder, "link.toml"), Path(folder, "design.nc")
         link.write_text(scenario.to_toml(), encoding="utf-8")
-        environment = {**os.environ, "PYTHONPATH": import_path()}
-        start = python_start(*_DESIGN, str(link), "-o", str(made), env=environment)
+        environment = dict(os.environ) | {"PYTHONPATH": import_path()}
+        start = python_start(*_DESIGN, str(link), "-o", str(result_file), env=environment)
         process = await asyncio.create_subprocess_exec(
             *start.args, env=start.env,
             stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
         )  # fmt: skip
         try:
             # no bound: the page counts the seconds, and its button cancels this task
-            _, said = await process.communicate()
+            _, stderr = await process.communicate()
         finally:
             if process.returncode is None:
                 process.kill()
                 await process.wait()  # ends with the signal, also of a stopped process
         if process.returncode:
-            lines = said.decode(errors="replace").strip().splitlines() or ["ended without a word"]
-            said_last = Described(lines[-1].removeprefix("error: "))
-            raise Refused("design", said_last, "a link that can be designed")
-        return Design.load(made)
+            lines = stderr.decode(errors="replace").strip().splitlines() or ["ended without a word"]
+            last_line = Described(lines[-1].removeprefix("error: "))
+            raise Refused("design", last_line, "a link that can be designed")
+        return Design.load(result_file)
 
 
 class Superseded(Exception):
@@ -330,7 +329,7 @@ class Superseded(Exception):
 
 
 class Ticket(threading.Event):
-    """Right of a job to go on, until it is set: a newer job waits."""
+    """Event that is set when a newer job waits; its job then stops at the next check."""
 
     def check(self, *_: Any) -> None:
         """Return if the job may go on; takes and ignores the arguments of progress callbacks.
@@ -372,20 +371,20 @@ class Worker:
         self._newest.set_result(None)
 
     def submit(self, job: Callable[[Ticket], None]) -> None:
-        """Replace the waiting job and supersede the running one; nothing after `close`."""
+        """Replace the waiting job and stop the running one; do nothing after `close`."""
         with self._lock, suppress(RuntimeError):
             self.supersede()
             self._newest = self._pool.submit(self._run, job, self._ticket)
 
     def supersede(self) -> None:
-        """End the running job after its present step, and leave out the waiting one."""
+        """Stop the running job after its present step and drop the waiting one."""
         with self._lock:
             self._ticket.set()
             self._newest.cancel()
             self._ticket = Ticket()
 
     def close(self) -> None:
-        """End the thread after the present step of its job."""
+        """Stop the thread after the present step of its job."""
         self.supersede()
         self._pool.shutdown(wait=False)
 
@@ -418,25 +417,18 @@ class Answer(NamedTuple):
     complete: bool
 
 
-class Work(NamedTuple):
-    """Work of a stage: its answers for a state, and the parts of the state that they depend on."""
-
-    run: Callable[[State, Check], Iterator[Any]]
-    of_time: bool = True
-    of_bits: bool = False
-
-
-STAGES = {
-    "gain": Work(gains, of_bits=True),
-    "rays": Work(rays),
-    "fading": Work(fading, of_time=False),
-    "map": Work(coverage),
+STAGES: dict[str, Callable[[State, Check], Iterator[Any]]] = {
+    "gain": gains,
+    "rays": rays,
+    "fading": fading,
+    "map": coverage,
 }
-"""Stages in the order of the work; the map is made on demand."""
+"""Stages in the order of the work, as functions that yield their answers for a state; the map is
+made on demand."""
 
 
 class Session(Worker):
-    """State of one user of the explorer, and the thread that answers its newest move.
+    """State of one user of the explorer, with a thread that answers the latest move.
 
     Parameters
     ----------
@@ -484,7 +476,7 @@ class Session(Worker):
         return state
 
     def forget(self) -> None:
-        """Return to the link as given, at the same time, without new work."""
+        """Return to the initial link at the same time, without new work."""
         self._state, self._map_wanted = State(self._state.initial, time=self._state.time), False
 
     def show_time(self, time: float) -> State:
@@ -498,7 +490,7 @@ class Session(Worker):
         self.submit(lambda ticket: self._work(ticket, state, with_map))
 
     def make_map(self) -> None:
-        """Make the map of the present state, after its other answers."""
+        """Compute the map of the present state after its other answers."""
         self._map_wanted = True
         self.answer_now()
 
@@ -510,18 +502,20 @@ class Session(Worker):
     def fresh(self, name: str) -> bool:
         """Return whether the latest answer of a stage belongs to the present state."""
         answer = self._answers.get(name)
-        return answer is not None and answer.key == _key(STAGES[name], self._state)
+        return answer is not None and answer.key == _key(name, self._state)
 
     def _work(self, ticket: Ticket, state: State, with_map: bool) -> None:
-        for name, stage in STAGES.items():
-            known, key = self._answers.get(name), _key(stage, state)
-            if (name == "map" and not with_map) or (known and known.complete and known.key == key):
+        for name, answers in STAGES.items():
+            latest, key = self._answers.get(name), _key(name, state)
+            if (name == "map" and not with_map) or (
+                latest and latest.complete and latest.key == key
+            ):
                 continue
             self.working = name
             self._publish(ticket, name, None)
             answer = None
             try:
-                for value in stage.run(state, ticket.check):
+                for value in answers(state, ticket.check):
                     first = answer is None and name == "gain"
                     answer = Answer(value, key, False)
                     self._publish(ticket, name, answer)
@@ -546,12 +540,13 @@ class Session(Worker):
         """Publish an internal error as the answer of its stage."""
         name = self.working or "gain"
         reason = Failed(f"{type(error).__name__}: {error}")
-        self._answers[name] = Answer(reason, _key(STAGES[name], self._state), True)
+        self._answers[name] = Answer(reason, _key(name, self._state), True)
         self.working = ""
         self._on_answer(name)
 
 
-def _key(stage: Work, state: State) -> Any:
+def _key(stage: str, state: State) -> Any:
     """Return the part of a state that the answers of a stage depend on."""
-    moves = tuple(m for m in state.moves if stage.of_bits or m[0] not in BITS_ALONE)
-    return moves, state.time if stage.of_time else None
+    # only the stage of the gain shows bits, and the series begins at time 0 in any case
+    moves = tuple(m for m in state.moves if stage == "gain" or m[0] not in BITS_ALONE)
+    return moves, None if stage == "fading" else state.time

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -35,7 +34,7 @@ def phase_of(name: str) -> PhaseFunction:
 def through_spheres(
     paths: PhotonPaths, photons: int, center: Floats, axis: Floats, radii: Floats, a: float
 ) -> Floats:
-    """Return the light that leaves spheres about the source, per photon.
+    """Return the flux through spheres about the source, per photon.
 
     Returns
     -------
@@ -44,6 +43,7 @@ def through_spheres(
         incidence (spherical collector).
     """
     what = paths.what[:, 1:]
+    # pieces in the water: those that land or are received end in the air
     flown = (what >= 0) & ~np.isin(what, (Vertex.LANDED, Vertex.RECEIVED))
     start, end = (paths.vertex[:, i:][:, : what.shape[1]][flown] - center for i in (0, 1))
     weight = paths.weight[:, :-1][flown]
@@ -51,6 +51,7 @@ def through_spheres(
     length = np.linalg.norm(way, axis=1)
     way /= np.maximum(length, 1e-12)[:, None]
     along = np.einsum("ij,ij->i", start, way)
+    # |x + s w|^2 = r^2, solved for the way s to the sphere, with (x . w)^2 + off = |x|^2
     off = np.einsum("ij,ij->i", start, start) - along**2
     flux = np.zeros((len(radii), 2, len(_EDGES) - 1))
     for i, r in enumerate(radii):
@@ -60,6 +61,7 @@ def through_spheres(
         power = weight[out] * np.exp(-a * reach[out])
         incidence = np.einsum("ij,ij->i", at, way[out]) / r
         angle = np.degrees(np.arccos(np.clip(at @ axis / r, -1.0, 1.0)))
+        # a sphere collects the same from all sides: flux over the cosine of incidence
         for j, share in enumerate((1.0, np.maximum(incidence, _GRAZING))):
             flux[i, j] = np.histogram(angle, _EDGES, weights=power / share)[0]
     return flux / photons
@@ -67,14 +69,11 @@ def through_spheres(
 
 @cache
 def laser_light(
-    phase: str,
-    a: float,
-    divergence_mrad: float,
-    surface: str,
-    lengths: tuple[float, ...],
+    phase: str, a: float, divergence_mrad: float, surface: str, lengths: tuple[float, ...],
     chunks: int,
-) -> Floats:
+) -> Floats:  # fmt: skip
     """Return `through_spheres` of each chunk for a horizontal laser, at attenuation lengths."""
+    # deep enough that no light meets the surface
     depth = _DEPTH if surface == "flat" else 1000.0
     divergence = math.degrees(1e-3 * divergence_mrad)
     beam = TopHatBeam(depth=depth, zenith_deg=90.0, divergence_deg=divergence)
@@ -82,8 +81,10 @@ def laser_light(
     link, mesh = Link(water=water, transmitter=beam), FlatSea().mesh(0.0, 2000.0, 500.0)
 
     def chunk(seed: int) -> Floats:
-        limits: Any = {"max_vertices": _VERTICES, "max_events": _VERTICES, "roulette": 1e-3}
-        paths = trace_paths(link, mesh, _CHUNK, seed=seed, **limits)
+        paths = trace_paths(
+            link, mesh, _CHUNK, seed=seed, max_vertices=_VERTICES, max_events=_VERTICES,
+            roulette=1e-3,
+        )  # fmt: skip
         center, axis = np.array([0.0, 0.0, -depth]), np.array(beam.axis)
         return through_spheres(paths, _CHUNK, center, axis, np.array(lengths) / _C, a)
 
@@ -92,6 +93,7 @@ def laser_light(
 
 def share_of(part: Floats, whole: Floats) -> tuple[float, float]:
     """Return sum(part) / sum(whole) of independent chunks, and its standard error."""
+    # the variance of a ratio of means by its linear expansion
     share, n = part.sum() / whole.sum(), len(part)
     return share, math.sqrt(n / (n - 1.0) * ((part - share * whole) ** 2).sum()) / whole.sum()
 
@@ -135,7 +137,7 @@ def pattern_in_air(
 
 
 def half_width(angle: Floats, power: Floats) -> float:
-    """Return the half width at half maximum of the intensity of light in the cells of a map [deg].
+    """Return the half width at half maximum [deg] of the intensity of a map.
 
     Means over rings of an eighth of the angle that holds half of the power; the maximum is the
     mean of the inner two.
@@ -143,6 +145,7 @@ def half_width(angle: Floats, power: Floats) -> float:
     order = np.argsort(angle)
     sums = np.cumsum(power[order])
     median = angle[order][np.searchsorted(sums, 0.5 * sums[-1])]
+    # rings in proportion to the pattern, whatever its width
     edges = np.linspace(0.0, 4.0 * median, 33)
     in_rings = np.histogram(angle, edges, weights=power)[0]
     profile = in_rings / -np.diff(np.cos(np.radians(edges)))
@@ -187,5 +190,6 @@ def link_margins(
     """Return the received photons of a bit over those that a receiver needs [dB]."""
     depth, height, rate = _GEOMETRIES[row.series]
     gain = link_gain(depth, height, divergence, radius, c)
+    # photons = energy of a bit over that of a photon of 520 nm
     bit = gain * 1e-3 * power_mw / rate * 520e-9 / _QUANTUM
     return 10.0 * math.log10(bit / photons_per_bit)

@@ -31,7 +31,7 @@ def light_below(
     photons: int,
     cosines: int = 0,
 ) -> Planes:
-    """Return the light at depths in deep water under sun or uniform sky (zenith angle < 0)."""
+    """Return irradiances at depths of deep water, under sun or (zenith angle < 0) uniform sky."""
     water = Water(a=a, b=b, n=1.34, phase=phase_of(phase), bottom_depth=depths[-1] + 2.0 / (a + b))
     link = Link(
         water=water,
@@ -46,7 +46,7 @@ def light_below(
 
 
 def attenuation(planes: Planes, first: int, last: int) -> tuple[float, float]:
-    """Return K = ln(E_d1 / E_d2) / (z2 - z1), and its error without the correlation of the two."""
+    """Return K = ln(E_d1 / E_d2) / (z2 - z1) and its error, neglecting their correlation."""
     way = planes.depth[last] - planes.depth[first]
     e_d, error = planes.e_d[[first, last]], planes.e_d_stderr[[first, last]]
     return float(np.log(e_d[0] / e_d[1]) / way), float(np.hypot(*(error / e_d)) / way)
@@ -72,6 +72,7 @@ def broadband(
     nm, spectrum = table.T
     spectrum = spectrum * (nm if weight == "photons" else 1.0)
     depths, i, total, variance = (_TOP, *row.along), 1 + row.along.index(row.at), 0.0, 0.0
+    # all of the light at the surface counts, also what the water absorbs within centimetres
     for wavelength, share in zip(nm, spectrum / spectrum.sum(), strict=True):
         if wavelength > 700.0:
             continue
@@ -102,6 +103,7 @@ def clear_sea_radiance(
     spread = 0.5 * np.ptp(at_top) / at_top.mean()
     cosine = planes.e_d[1:] / planes.e_od[1:]
     q = planes.e_u / up[:, 0]
+    # of a range the error is at most that of its worse end
     q_error = float((error[:, 0] / up[:, 0]).max())
     values = {
         "radiance": (spread, float(np.hypot(*noise) / 2.0 / at_top.mean())),
@@ -170,6 +172,7 @@ def sea_albedo(
     """Return the albedo, p A_sun + (1 - p) A_sky + A_w, with p = 0 under an overcast sky."""
     each = max(int(_OF_SEA * photons), 1024)
     diffuse, diffuse_error = reflected(sky, 0.0, wind_speed, each)
+    # below clouds no sun is seen
     p = direct_share if row.series == "clear" else 0.0
     sun, error = reflected("sun", row.at, wind_speed, each) if p else (0.0, 0.0)
     albedo = p * sun + (1.0 - p) * diffuse + water_light

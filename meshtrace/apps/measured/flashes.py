@@ -66,6 +66,7 @@ def tank_scintillation(
     def tank(hs: float) -> SpectralSea:
         return SpectralSea(spectrum=Jonswap(hs=hs, tp=2.0 * math.pi / peak), mss="band")
 
+    # slopes are linear in the height of the waves: one height gives the scale of all
     steep = math.sqrt(sum(tank(0.01).slope_spectrum(cut).along_and_across))
     link, sea = lamp_over(depth, collector, lamp_deg), tank(0.01 * slope / steep)
     return scintillation_of_spectrum(link, sea, cut, tilts=False)
@@ -75,7 +76,7 @@ def flash_time(
     row: MeasuredRow, photons: float, wavelength: float, slope: float, depth: float,
     lamp_deg: float, collector: float, law: str,
 ) -> float:  # fmt: skip
-    """Return the share of the time above `at` times the mean, by a law with the closed variance."""
+    """Return the share of time above `at` times the mean, by a law with closed-form variance."""
     si = tank_scintillation(wavelength, slope, depth, lamp_deg, collector)
     width = math.sqrt(math.log1p(si))
     laws = {
@@ -88,14 +89,14 @@ def flash_time(
 def windiest(
     row: MeasuredRow, photons: float, depth: float, collector: float, fetch: float
 ) -> float:
-    """Return the wind of the largest scintillation index, from a parabola through the top three."""
+    """Return the wind speed of the largest scintillation index (`peak_of`)."""
     winds = np.geomspace(1.0, 14.0, 14)
     index = np.array([scintillation(depth, float(u), collector, fetch) for u in winds])
     return peak_of(winds, index)
 
 
 def peak_of(x: Floats, y: Floats) -> float:
-    """Return the place of the maximum of a curve, by a parabola in ln x through the top three."""
+    """Return the position of a maximum, by a parabola in ln x through the three highest points."""
     i, log = int(np.clip(y.argmax(), 1, len(x) - 2)), np.log(x)
     a, b, _ = np.polyfit(log[i - 1 : i + 2], y[i - 1 : i + 2], 2)
     top = -0.5 * b / a if a < 0.0 else math.inf
@@ -116,7 +117,9 @@ def variation(
     """
     planes = light_below(a, b, "average", 30.0, (0.01, *_DEPTHS), photons)
     depth = np.array(_DEPTHS)
+    # light that is scattered forwards by little stays in the pattern
     lost = a + b * (1.0 - float(phase_of("average").cdf(math.radians(forward_deg))))
+    # cosine of the way in the water, by Snell's law, of a sun at 30 degrees
     slant = math.sqrt(1.0 - (0.5 / _N) ** 2)
     focused = (1.0 - diffuse) * np.exp(-lost * depth / slant) / (planes.e_d[1:] / planes.e_d[0])
     index = [scintillation(float(d), wind_speed, collector, fetch) for d in depth]
@@ -143,6 +146,7 @@ def patch_slopes(sea: SpectralSea, seed: int, cells: int, step: float) -> tuple[
     k1 = 2.0 * math.pi * np.fft.fftfreq(cells, step)
     kx, ky = np.meshgrid(k1, k1, indexing="ij")
     k, theta = np.hypot(kx, ky), np.arctan2(ky, kx)
+    # the mean has no wave, but its logarithm is taken with all others
     k[0, 0] = k1[1]
     # the spreading changes slowly with k
     nodes, ring = np.geomspace(k.min(), k.max(), 512), np.linspace(-math.pi, math.pi, 181)
@@ -173,6 +177,7 @@ def light_spectra(wind_speed: float, depths: tuple[float, ...], patches: int) ->
         sx, sy = patch_slopes(sea, i, _CELLS, _STEP)
         steep = np.hypot(sx, sy)
         tilt = np.arctan(steep)
+        # displacement over depth by the exact refraction, over the slope
         bent = np.tan(tilt - np.arcsin(np.sin(tilt) / _N)) / np.maximum(steep, 1e-12)
         for j, depth in enumerate(depths):
             cells = [np.floor((p - depth * bent * s) / _STEP).astype(int) % _CELLS
@@ -235,6 +240,7 @@ def mean_square_slopes(
 
     The wind at `wind_height` [m] is that of a neutral profile; a `fetch` of 0 is a developed sea.
     """
+    # the logarithmic profile of a neutral wind
     u10 = row.at * math.log(10.0 / _ROUGHNESS) / math.log(wind_height / _ROUGHNESS)
     up, cross = variances(u10, fetch or None, shortest)
     return {"up": up, "cross": cross, "ratio": up / cross}[row.series]

@@ -13,7 +13,7 @@ import math
 import tomllib
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -161,8 +161,8 @@ class Experiment(Model, frozen=True):
             for row in csv.DictReader(lines)
         ]
         along = [row["at"] for row in records]
-        records = [{**row, "along": along} for row in records]
-        return cls.model_validate({"name": folder.name, "rows": records, **texts})
+        records = [row | {"along": along} for row in records]
+        return cls.model_validate({"name": folder.name, "rows": records} | texts)
 
     def predict(self, photons: float, **changed: Any) -> tuple[Floats, Floats]:
         """Return the computed values of the rows and their standard errors."""
@@ -212,6 +212,7 @@ def band_of(nominal: Floats, stderr: Floats, ends: Mapping[str, Floats]) -> Erro
     moved = {name: np.atleast_2d(values) - nominal for name, values in ends.items()}
     up = np.array([np.maximum(d.max(axis=0), 0.0) for d in moved.values()])
     down = np.array([np.maximum(-d.min(axis=0), 0.0) for d in moved.values()])
+    # independent causes add in squares
     chance = (ERRORS * stderr) ** 2
     spans = np.vstack([up + down, 2.0 * ERRORS * stderr])
     names = [*moved, "Monte Carlo"]
@@ -348,16 +349,16 @@ def run(
             # the light that leaves the meshes sideways is below 0.1 %
             warnings.simplefilter("ignore", DomainWarning)
             lines += _compared(known[name], photons)
-    columns: dict[str, Any] = {
-        field.name: tuple(column) if isinstance(column[0], str) else np.array(column)
-        for field, column in zip(fields(MeasuredTable), zip(*lines, strict=True), strict=False)
-    }
-    origin = {"environment": environment(), "experiments": chosen, "photons": photons}
-    return MeasuredTable(**columns, provenance=origin)
+    columns: list[Any] = [
+        tuple(column) if isinstance(column[0], str) else np.array(column)
+        for column in zip(*lines, strict=True)
+    ]
+    columns.append({"environment": environment(), "experiments": chosen, "photons": photons})
+    return MeasuredTable(*columns)
 
 
 def _compared(experiment: Experiment, photons: float) -> Iterator[tuple[Any, ...]]:
-    """Yield the rows of the table: nominal run, the other values of each input, band."""
+    """Yield the rows of the table in the order of its fields, computed with all unknown inputs."""
     value, stderr = experiment.predict(photons)
     ends = {
         u.name: np.array([experiment.predict(photons, **{u.name: v})[0] for v in u.others])

@@ -28,7 +28,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from meshtrace.checks import Seed, check_call
-from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight, refracted_sun, sky_radiance
+from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight, refracted_sun
+from meshtrace.daylight.patterns import sky_radiance
 from meshtrace.daylight.upward import Refraction, by_slopes, slopes_of
 from meshtrace.engine.backward.view import (
     Depth,
