@@ -517,9 +517,7 @@ class LinkModel:
         """
         ends = tuple(dict.fromkeys((*self.link.receivers, *link.receivers)))
         whole = link.replace("receiver", ends if len(ends) > 1 else ends[0])
-        campaign = self.campaign.for_link(whole, f"link and {_name_of(link)}")._replace(
-            progress=None
-        )
+        campaign = self.campaign.for_link(whole, f"link and {_name_of(link)}")
         # one sea alone has no spread
         steps = campaign.surfaces(max(min(self.seas, _RUN_SEAS), 2))
         gains = campaign._replace(progress=None).gains(steps)[0, 0, :, -1]  # (seas, shifts)
