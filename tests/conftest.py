@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from meshtrace.files import cache_directory
+from meshtrace import files
 
 # Some tests replace MESHTRACE_CACHE_DIR, for tables.
-os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_directory()))
+os.environ.setdefault("NUMBA_CACHE_DIR", str(files.cache_directory()))
 
 _profile = settings(derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 _EXAMPLES = 100 if os.environ.get("LONG") == "1" else 30 if os.environ.get("CI") else 10

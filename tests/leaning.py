@@ -9,18 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
+from meshtrace import TriangleMesh
 from meshtrace.errors import Refused
-from meshtrace.mesh import TriangleMesh
-from meshtrace.surfaces import Surface
-from meshtrace.surfaces.parameters import (
-    TIME,
-    Floats,
-    Positive,
-    finite_array,
-    grid_lines,
-    points,
-)
-from meshtrace.surfaces.triangulate import GridLines, grid_points, mesh_of_sheet
+from meshtrace.surfaces import Surface, parameters, triangulate
 
 _STEPS = 60  # of Newton and bisection for the label over a place
 
@@ -54,8 +45,8 @@ class LeaningWave(Surface, frozen=True):
     (0.1364, False)
     """
 
-    amplitude: Positive
-    wavelength: Positive
+    amplitude: parameters.Positive
+    wavelength: parameters.Positive
     lean: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
     @property
@@ -87,32 +78,34 @@ class LeaningWave(Surface, frozen=True):
         folds = self.folds
         return float(folds[0, 1] - folds[1, 1]) if len(folds) else 0.0
 
-    def profile(self, s: ArrayLike) -> tuple[Floats, Floats]:
+    def profile(self, s: ArrayLike) -> tuple[parameters.Floats, parameters.Floats]:
         """Return the positions x and heights z [m] at labels s [m]."""
-        s = finite_array("s", s)
+        s = parameters.finite_array("s", s)
         z = self.amplitude * np.cos(self.wavenumber * s)
         return s + self.lean * (np.maximum(z, 0.0) / self.amplitude) ** 2, z
 
-    def _tangent(self, s: Floats) -> tuple[Floats, Floats]:
+    def _tangent(self, s: parameters.Floats) -> tuple[parameters.Floats, parameters.Floats]:
         """Return dx/ds and dz/ds at labels s [m]."""
         k = self.wavenumber
         z, dz = self.amplitude * np.cos(k * s), -self.amplitude * k * np.sin(k * s)
         return 1.0 + 2.0 * self.lean * np.maximum(z, 0.0) * dz / self.amplitude**2, dz
 
-    def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> Floats:
+    def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> parameters.Floats:
         """Return z [m]; see `Surface.elevation`. Refused for overhanging crests."""
-        TIME.check(time)
-        x, y = points(x, y)
+        parameters.TIME.check(time)
+        x, y = parameters.points(x, y)
         return self.profile(self._labels(x))[1]
 
-    def slopes(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> tuple[Floats, Floats]:
+    def slopes(
+        self, x: ArrayLike, y: ArrayLike, time: float = 0.0
+    ) -> tuple[parameters.Floats, parameters.Floats]:
         """Return dz/dx and dz/dy = 0; see `elevation`."""
-        TIME.check(time)
-        x, y = points(x, y)
+        parameters.TIME.check(time)
+        x, y = parameters.points(x, y)
         dx, dz = self._tangent(self._labels(x))
         return dz / dx, np.zeros(x.shape)
 
-    def _labels(self, x: Floats) -> Floats:
+    def _labels(self, x: parameters.Floats) -> parameters.Floats:
         """Return the labels s [m] of positions x [m]: Newton, kept in a bracket."""
         if not self.single_valued:
             critical = 1.0 / self.wavenumber
@@ -128,14 +121,14 @@ class LeaningWave(Surface, frozen=True):
 
     def sheet(
         self, x_axis: ArrayLike, y_axis: ArrayLike, time: float = 0.0
-    ) -> tuple[Floats, Floats]:
+    ) -> tuple[parameters.Floats, parameters.Floats]:
         """Return points and normals over a tensor grid of labels s and y; see `Surface.sheet`."""
-        TIME.check(time)
-        s, y = grid_lines(x_axis, y_axis)
+        parameters.TIME.check(time)
+        s, y = parameters.grid_lines(x_axis, y_axis)
         (x, z), (dx, dz) = self.profile(s), self._tangent(s)
         length = np.hypot(dx, dz)
-        normals = grid_points(-dz / length, np.zeros_like(y), (dx / length)[:, None])
-        return grid_points(x, y, z[:, None]), normals
+        normals = triangulate.grid_points(-dz / length, np.zeros_like(y), (dx / length)[:, None])
+        return triangulate.grid_points(x, y, z[:, None]), normals
 
     def mesh(
         self,
@@ -148,7 +141,10 @@ class LeaningWave(Surface, frozen=True):
         coarse_spacing: float | None = None,
     ) -> TriangleMesh:
         """Triangulate the surface; see `Surface.mesh`."""
-        lines, half = GridLines(extent, spacing, fine_extent, coarse_spacing), 0.5 * self.lean
+        lines, half = (
+            triangulate.GridLines(extent, spacing, fine_extent, coarse_spacing),
+            0.5 * self.lean,
+        )
         s = lines.widened(half).axis(center[0] - half)
         y = lines.axis(center[1])
-        return mesh_of_sheet(*self.sheet(s, y, time), overhangs=not self.single_valued)
+        return triangulate.mesh_of_sheet(*self.sheet(s, y, time), overhangs=not self.single_valued)

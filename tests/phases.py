@@ -2,15 +2,14 @@
 
 import numpy as np
 
-from meshtrace.kernels.jit import allocating_entry
-from meshtrace.kernels.medium import sample_s
+from meshtrace.kernels import jit, medium
 
 
-@allocating_entry
+@jit.allocating_entry
 def draw(tables, u):
     s = np.empty_like(u)
     for i in range(u.size):
-        s[i] = sample_s(tables, u[i])
+        s[i] = medium.sample_s(tables, u[i])
     return s
 
 

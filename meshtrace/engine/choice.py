@@ -91,7 +91,8 @@ class Pilot(NamedTuple):
         direct = np.maximum(gain - self.mean.sum(axis=1), 0.0)
         mean, spread = power * self.mean, power * self.spread
         columns = (np.broadcast_to(self.chains, mean.shape), mean, spread)
-        pilot = Pilot(*(x.reshape(-1, orders) for x in columns))
+        # -1 cannot stand for the rows where water that does not scatter leaves no orders
+        pilot = Pilot(*(x.reshape(mean.shape[0] * mean.shape[1], orders) for x in columns))
         return pilot, (direct + mean.sum(axis=2)).ravel()
 
 

@@ -136,7 +136,8 @@ def response_of(
     mean, spread = _delays(moments.mean(axis=0))
     # mean and spread are ratios of sums: their errors come from the jackknife, all groups but one
     others = (moments.sum(axis=0) - moments) / (SHIFTS - 1)
-    factor = (SHIFTS - 1) / np.sqrt(SHIFTS)
+    # s^2 = (n - 1) / n sum (x_i - mean)^2 (Efron and Stein 1981, eq. 1.4)
+    factor = np.sqrt(SHIFTS - 1)
     errors = [float(factor * v.std()) for v in np.array([_delays(m) for m in others]).T]
     return ImpulseResponse(
         edges=bin_width * np.arange(by_group.shape[1] + 1, dtype=np.float64),

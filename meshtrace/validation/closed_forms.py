@@ -139,6 +139,7 @@ def unscattered_gain(
         theta_t = math.asin(n * math.sin(theta))
         return depth * math.tan(theta) + height * math.tan(theta_t) - radius
 
+    # Lambertian order: cos^m falls to half at the half angle
     m = -math.log(2.0) / math.log(math.cos(math.radians(half_angle_deg)))
 
     def density(theta: float) -> float:
@@ -146,6 +147,7 @@ def unscattered_gain(
         through = 1.0 - float(fresnel_reflectance(cosine, n, 1.0))
         return (m + 1.0) * cosine**m * math.sin(theta) * through * math.exp(-c * depth / cosine)
 
+    # total reflection bounds the angle of the ray that lands on the rim
     rim = float(brentq(beyond, 0.0, math.asin(1.0 / n) - 1e-12, xtol=1e-15))
     return float(quad(density, 0.0, rim, epsabs=0.0, epsrel=1e-12)[0])
 

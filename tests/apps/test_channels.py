@@ -12,12 +12,12 @@ from scipy import signal, stats
 
 import meshtrace as mt
 from meshtrace import apps, fading
-from meshtrace.apps.channels import _hermite_powers, _quantiles, _transformed
+from meshtrace.apps import channels
 from meshtrace.comms import OokLink
 from meshtrace.comms.budget import ber_of_gains
 from meshtrace.comms.capacity import hard_information
 from meshtrace.errors import Refused
-from meshtrace.stored import load
+from meshtrace.results import load
 from meshtrace.surfaces import resolved_sea
 
 P = np.array([[0.9, 0.08, 0.02], [0.05, 0.9, 0.05], [0.01, 0.04, 0.95]])
@@ -178,15 +178,15 @@ def test_a_chain_of_first_order_fails_on_waves(seen):
 
 @pytest.mark.parametrize("rho", [-0.8, -0.3, 0.1, 0.5, 0.9, 1.0])
 def test_correlation_of_a_lognormal_law(rho):
-    power = _hermite_powers(np.exp(SIGMA * np.linspace(-4.9, 4.9, 981)))
+    power = channels._hermite_powers(np.exp(SIGMA * np.linspace(-4.9, 4.9, 981)))
     exact = math.expm1(SIGMA**2 * rho) / math.expm1(SIGMA**2)
-    assert _transformed(np.array(rho), power) == pytest.approx(exact, abs=2e-4)
+    assert channels._transformed(np.array(rho), power) == pytest.approx(exact, abs=2e-4)
 
 
 def test_quantiles_of_a_gamma_gamma_law():
     g = fading.gamma_gamma.rvs(4.0, 2.0, size=3000, random_state=np.random.default_rng(7))
     law = fading.fit_gamma_gamma(g, n_effective=fading.effective_samples(g)).law
-    scores, quantile = np.linspace(-4.9, 4.9, 981), _quantiles(g, "gamma-gamma")
+    scores, quantile = np.linspace(-4.9, 4.9, 981), channels._quantiles(g, "gamma-gamma")
     inside = np.abs(scores) < 4.5
     assert stats.norm.ppf(law.cdf(quantile[inside])) == pytest.approx(scores[inside], abs=0.01)
 

@@ -9,7 +9,7 @@ import meshtrace as mt
 from meshtrace.apps import irradiance
 from meshtrace.daylight.light import SUN_RADIUS_DEG
 from meshtrace.fading import scintillation_of_spectrum
-from meshtrace.kernels.sources import land_sunlight
+from meshtrace.kernels import sources
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.optics.fresnel import refract
 from meshtrace.results import IrradianceSeries, load
@@ -68,7 +68,7 @@ def test_the_kernel_follows_the_rays_of_its_twin():
     z, zx, zy = 0.2 * rng.normal(size=(3, 7, 6))
     args = (z, zx, zy, (-0.3, -0.2), 0.1, SLANTED.sun, 1.33, 0.2, 2.0)
     light = np.zeros((400, 400))
-    land_sunlight(*args, (-2.0, -2.0), 0.01, light)
+    sources.land_sunlight(*args, (-2.0, -2.0), 0.01, light)
     place, power = refracted(*args)
     inside = (np.abs(place) < 1.9).all(axis=-1)
     wanted = power[inside].sum()

@@ -9,7 +9,7 @@ from meshtrace import PhotonPaths
 from meshtrace.apps import measured
 from meshtrace.apps.measured import beams, daylight, flashes, suite
 from meshtrace.errors import Refused
-from meshtrace.stored import load
+from meshtrace.results import load
 
 EXPERIMENTS = measured.experiments()
 UNITS = {"1", "m", "deg", "mrad", "m s-1", "m-1", "%", "dB", "mW"}

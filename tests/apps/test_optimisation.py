@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.apps.candidates import Sample, weighted_quantile
+from meshtrace.apps import candidates
 from meshtrace.studies import Variant
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.surfaces import FlatSea, JonswapSea
@@ -59,8 +59,8 @@ def test_the_start_at_the_optimum_is_not_improved():
 def test_field_of_view_from_one_run_is_that_of_its_own_run():
     link, hovering = mt.Link(), ((0.5, 0.5), None)
     campaign = campaign_of(link.replace("receiver.fov_deg", 80.0), FlatSea(), run={"photons": 512})
-    quick = Sample(campaign, 6, *hovering, ("receiver.fov_deg", ANGLE))
-    slow = Sample(campaign, 6, *hovering, ())
+    quick = candidates.Sample(campaign, 6, *hovering, ("receiver.fov_deg", ANGLE))
+    slow = candidates.Sample(campaign, 6, *hovering, ())
     for fov in (25.0, 3.0, 1.0):  # at the narrow ones the edge of the view cuts facets in the light
         new = link.replace("receiver.fov_deg", fov).replace(ANGLE, 17.0)
         assert quick.gains(Variant(new, None)) == pytest.approx(
@@ -140,13 +140,13 @@ def test_a_closed_eye_is_the_worst_candidate(objective):
 def test_weighted_quantile():
     rng = np.random.default_rng(2)
     values, weights = rng.standard_normal(20_000), rng.random(20_000)
-    assert weighted_quantile(values, weights, 0.1) == pytest.approx(-1.2816, abs=0.03)
-    assert weighted_quantile(np.array([3.0, 1.0]), np.array([1.0, 1.0]), 0.5) == 2.0
+    assert candidates.weighted_quantile(values, weights, 0.1) == pytest.approx(-1.2816, abs=0.03)
+    assert candidates.weighted_quantile(np.array([3.0, 1.0]), np.array([1.0, 1.0]), 0.5) == 2.0
 
 
 def test_strata_of_hover_errors_have_the_law_of_a_normal_place():
     campaign = campaign_of(mt.Link(), FlatSea(), run={"photons": 64})
-    sample = Sample(campaign, 400, (1.0, 2.0), None, ())
+    sample = candidates.Sample(campaign, 400, (1.0, 2.0), None, ())
     assert sample.weights.sum() == pytest.approx(1.0)
     square = sample.weights @ np.square(sample._offsets)
     assert square == pytest.approx([1.0, 4.0], rel=0.05)

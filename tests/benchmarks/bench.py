@@ -34,22 +34,20 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace import EmbreeIntersector, background
+from meshtrace import EmbreeIntersector, TriangleMesh, background, parallel
 from meshtrace.checks import check_call
 from meshtrace.daylight import Daylight
-from meshtrace.engine.bvh import CopiedScene, RayScene
+from meshtrace.engine import bvh
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.engine.photons.analog import run_analog
-from meshtrace.engine.setup.arrays import frame_of
+from meshtrace.engine.setup import arrays, meshing
 from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import FADING_SPACING, mesh_for
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
-from meshtrace.mesh import TriangleMesh
-from meshtrace.parallel import cores, default_threads, job_times, python_start
+from meshtrace.parallel import default_threads, python_start
+from meshtrace.results import tallies
 from meshtrace.results.provenance import environment
 from meshtrace.results.series import relative_errors
-from meshtrace.results.tallies import standard_error
 from meshtrace.scenario import Scenario
 from meshtrace.studies import coverage_map, ensemble
 from meshtrace.surfaces import Band, Elfouhaily, SpectralSea
@@ -146,7 +144,7 @@ def to_tolerance(
     return samples, found
 
 
-def replay(scene: RayScene, rays: Rays) -> None:
+def replay(scene: bvh.RayScene, rays: Rays) -> None:
     """Cast recorded chunks of rays."""
     for chunk in rays:
         scene.run(*chunk)
@@ -180,8 +178,8 @@ def analog_rate(
     recorded = min(photons, 2**18)
     run_analog(link, recorder, photons=recorded, seed=1)
     rays = recorder.chunks()
-    local = frame_of(link).mesh(mesh)  # the rays are in the units of the tracer
-    raw = CopiedScene(local.vertices, local.faces)
+    local = arrays.frame_of(link).mesh(mesh)  # the rays are in the units of the tracer
+    raw = bvh.CopiedScene(local.vertices, local.faces)
     repeats = max(photons // recorded, 1)  # both sides run for about as long
     times = best_of(
         rounds,
@@ -237,7 +235,7 @@ def figure_of_merit(
     times = best_of(rounds, lambda: forced.evaluate(mesh), lambda: analog(seed=1))
     sums = analog(seed=2)
     gain = float(sums.score[0]) / photons
-    stderr = float(standard_error(sums.score, sums.score_squared, photons)[0])
+    stderr = float(tallies.standard_error(sums.score, sums.score_squared, photons)[0])
     mean = float(np.mean(gains))
     forced_variance = float(np.var(gains, ddof=1)) / mean**2
     analog_variance = (stderr / mean) ** 2
@@ -283,7 +281,7 @@ def new_sea(link: Link, sea: Any, rtol: float = 0.01, rounds: int = 5) -> dict[s
 
     def gain(seed: int, chains: int) -> dict[str, Any]:
         phases = sea.with_seed(1000 + seed)
-        (mesh, _), meshed = timed(partial(mesh_for, link, phases, reach=reach))
+        (mesh, _), meshed = timed(partial(meshing.mesh_for, link, phases, reach=reach))
         typical = TypicalSea.of_meshes([mesh])
         forced, made = timed(partial(ForcedDetection, link, chains, seed, threads=1, sea=typical))
         parts, aimed = timed(partial(forced.evaluate, mesh))
@@ -330,7 +328,7 @@ def resolved_sea(
     """
     gain = new_sea(link, sea, rtol, rounds)
     reach, chains = crossing_reach(link), gain["chains"]
-    mesh, _ = mesh_for(link, sea, reach=reach, per_wave=FADING_SPACING)
+    mesh, _ = meshing.mesh_for(link, sea, reach=reach, per_wave=meshing.FADING_SPACING)
     forced = ForcedDetection(
         link, chains, 1, threads=1, sea=TypicalSea.of_meshes([mesh], MANY_SEAS)
     )
@@ -524,7 +522,7 @@ def speedup_by_jobs(work: Callable[[], Any], threads: tuple[int, ...] = (2, 16))
         `threads`, `speedup` for each, `jobs`, `serial` share of the time outside jobs.
     """
     start = thread_time()
-    with job_times() as rows:
+    with parallel.job_times() as rows:
         work()
     total = thread_time() - start
     serial = max(total - sum(map(sum, rows)), 0.0)
@@ -637,8 +635,8 @@ def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dic
     link, sea = scenario.link, scenario.case().surface
     if not hasattr(sea, "with_seed"):
         raise Refused("sea", Described(type(sea).__name__), "a random sea")
-    mesh, _ = mesh_for(link, sea)
-    near, _ = mesh_for(link, sea, reach=crossing_reach(link))
+    mesh, _ = meshing.mesh_for(link, sea)
+    near, _ = meshing.mesh_for(link, sea, reach=crossing_reach(link))
     scale = 4 if quick else 1
     photons, chains, extent = 4_000_000 // scale, 20_000 // scale, 5.0 / scale
     physics = link.physics.model_copy(update={"unresolved": "none"})
@@ -647,7 +645,7 @@ def bench(scenario: Scenario, *, quick: bool = False, cold: bool = False) -> dic
     dask = find_spec("distributed")
     return {
         "environment": environment(),
-        "cores": cores(),
+        "cores": parallel.cores(),
         "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
         "analog": analog_rate(bare, mesh, photons),
         "analog_tilted": analog_rate(link, mesh, photons),

@@ -17,8 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from browser import chromium, until
 
-from meshtrace.apps.explorer import stages
-from meshtrace.apps.explorer.controls import State
+from meshtrace.apps.explorer import controls, stages
 from meshtrace.apps.explorer.scene import LiveScene
 from meshtrace.scenario import Scenario
 
@@ -89,7 +88,7 @@ def measure(driver, pid, first, moves):
 
 def processor_times(moves):
     """Return the CPU time of the parts of a move in this process [ms]."""
-    state = State(Scenario.from_toml(""))
+    state = controls.State(Scenario.from_toml(""))
     scene, rows = LiveScene(state), []
     for i in range(moves + 1):
         times = [time.process_time()]

@@ -23,9 +23,9 @@ from bench import RayRecorder
 from naive import HAS_OPEN3D, caster, naive_gain
 
 import meshtrace as mt
-from meshtrace.engine.bvh import CopiedScene
-from meshtrace.engine.photons.analog import run_analog
-from meshtrace.results.tallies import standard_error
+from meshtrace.engine import bvh
+from meshtrace.engine.photons import analog
+from meshtrace.results import tallies
 from meshtrace.surfaces import JonswapSea
 from meshtrace.tables import text_table
 
@@ -84,8 +84,8 @@ def _analog(mesh: mt.TriangleMesh, photons: int) -> Callable[[int], tuple[float,
     intersector = mt.EmbreeIntersector(mesh, 1)
 
     def job(seed: int) -> tuple[float, float]:
-        sums = run_analog(LINK, intersector, photons=photons, seed=seed, normals="facet")
-        error = standard_error(sums.score, sums.score_squared, photons)
+        sums = analog.run_analog(LINK, intersector, photons=photons, seed=seed, normals="facet")
+        error = tallies.standard_error(sums.score, sums.score_squared, photons)
         return float(sums.score[0]) / photons, float(error[0])
 
     return job
@@ -98,8 +98,8 @@ def _raw(mesh: mt.TriangleMesh, photons: int) -> tuple[int, Callable[[int], tupl
     """
     recorder = RayRecorder(mesh, 1)
     deeper = LINK.replace(transmitter=LINK.transmitter.replace(depth=10.0))
-    run_analog(deeper, recorder, photons=photons, seed=1, normals="facet")
-    scene = CopiedScene(mesh.vertices, mesh.faces)
+    analog.run_analog(deeper, recorder, photons=photons, seed=1, normals="facet")
+    scene = bvh.CopiedScene(mesh.vertices, mesh.faces)
 
     def job(seed: int) -> tuple[float, float]:
         for chunk in recorder.rays:

@@ -27,9 +27,9 @@ from bench import (
 )
 
 import meshtrace as mt
-from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.parallel import job_times, ordered_map
+from meshtrace import parallel
+from meshtrace.engine.setup import ends, meshing
+from meshtrace.parallel import ordered_map
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea, JonswapSea
 
@@ -39,7 +39,9 @@ SEA = JonswapSea(seed=3, waves="paper")
 
 @pytest.fixture(scope="module")
 def meshes():
-    return mesh_for(LINK, SEA)[0], mesh_for(LINK, SEA, reach=crossing_reach(LINK))[0]
+    return meshing.mesh_for(LINK, SEA)[0], meshing.mesh_for(
+        LINK, SEA, reach=ends.crossing_reach(LINK)
+    )[0]
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +98,7 @@ def test_jobs_go_to_the_first_free_thread():
 
 
 def test_jobs_of_one_thread_are_timed():
-    with job_times() as rows:
+    with parallel.job_times() as rows:
         assert list(ordered_map(abs, [-1, 2], threads=1)) == [1, 2]
         assert list(ordered_map(abs, [-3], threads=1)) == [3]
         assert list(ordered_map(abs, [-3], threads=2)) == [3]

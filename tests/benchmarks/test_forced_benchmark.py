@@ -15,8 +15,7 @@ from bench import figure_of_merit, new_sea, resolved_sea
 from throughput import peak_memory
 
 import meshtrace as mt
-from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.setup import ends, meshing
 from meshtrace.surfaces import Band, Elfouhaily, JonswapSea, SpectralSea
 
 SEA = JonswapSea(wind_speed=13.0, seed=7, waves="paper")
@@ -25,7 +24,7 @@ CHAINS = 1024  # for 1 % in every realization
 
 def test_figure_of_merit(benchmark):
     link = mt.Link()
-    mesh = mesh_for(link, SEA, reach=crossing_reach(link))[0]
+    mesh = meshing.mesh_for(link, SEA, reach=ends.crossing_reach(link))[0]
     info = benchmark.pedantic(figure_of_merit, (link, mesh), rounds=1)
     benchmark.extra_info.update(info)
     assert info["ratio_kept"] * (1.0 - info["ratio_stderr"] / info["ratio"]) >= 20_000, info

@@ -18,7 +18,7 @@ from throughput import (
 )
 
 import meshtrace as mt
-from meshtrace.engine.photons.analog import run_analog
+from meshtrace.engine.photons import analog
 from meshtrace.surfaces import FlatSea
 
 PHOTONS = 500_000
@@ -30,9 +30,10 @@ def test_analog_run(benchmark, surface):
     mesh = default_mesh(link) if surface == "jonswap" else FlatSea().mesh(extent=70.0, spacing=35.0)
     intersector = mt.EmbreeIntersector(mesh)
     threads = os.cpu_count() or 1
-    run_analog(link, intersector, photons=4096, seed=1)
+    analog.run_analog(link, intersector, photons=4096, seed=1)
     benchmark.pedantic(
-        lambda: run_analog(link, intersector, photons=PHOTONS, seed=1, threads=threads), rounds=3
+        lambda: analog.run_analog(link, intersector, photons=PHOTONS, seed=1, threads=threads),
+        rounds=3,
     )
     benchmark.extra_info["photons_per_s"] = PHOTONS / benchmark.stats.stats.min
 

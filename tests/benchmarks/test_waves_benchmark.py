@@ -10,10 +10,9 @@ import pytest
 from bench import best_of
 
 import meshtrace as mt
-from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.engine.setup.options import Case, Run
-from meshtrace.surfaces import WaveComponents, resolved_sea
-from meshtrace.surfaces.triangulate import GridLines
+from meshtrace.engine.setup import meshing, options
+from meshtrace.engine.setup.options import Run
+from meshtrace.surfaces import WaveComponents, resolved_sea, triangulate
 from meshtrace.surfaces.waves import WaveGrid, elevation_and_slopes
 
 
@@ -34,9 +33,9 @@ def product(waves, x, y, time):
 
 
 CASES = {
-    "2900 waves, 321 x 321": (2900, 4.0, GridLines(20.0, 0.125).axis(), 10.0),
-    "92000 waves, 201 x 201": (92_000, 4.0, GridLines(20.0, 0.2).axis(), 30.0),
-    "2300 waves, graded": (2300, 39.0, GridLines(6.0, 0.0225, 0.5, 0.4).axis(), 2.0),
+    "2900 waves, 321 x 321": (2900, 4.0, triangulate.GridLines(20.0, 0.125).axis(), 10.0),
+    "92000 waves, 201 x 201": (92_000, 4.0, triangulate.GridLines(20.0, 0.2).axis(), 30.0),
+    "2300 waves, graded": (2300, 39.0, triangulate.GridLines(6.0, 0.0225, 0.5, 0.4).axis(), 2.0),
 }
 
 
@@ -56,10 +55,10 @@ def test_a_grid(benchmark, name):
 @pytest.mark.parametrize("wind", [5.0, 13.0])
 def test_a_mesh_of_a_resolved_sea(benchmark, wind):
     sea = resolved_sea(wind, fetch=30e3)
-    case = Case(mt.Link(), sea, Run(), mt.Meshing(waves="fading")).with_waves()
+    case = options.Case(mt.Link(), sea, Run(), mt.Meshing(waves="fading")).with_waves()
     seas = iter([case.surface.with_seed(seed) for seed in range(12)])
-    meshes = [mesh_for(case.link, next(seas), case.meshing)[0] for _ in range(2)]  # plans
-    (one,) = best_of(5, lambda: mesh_for(case.link, next(seas), case.meshing))
-    benchmark.pedantic(lambda: mesh_for(case.link, next(seas), case.meshing), rounds=1)
+    meshes = [meshing.mesh_for(case.link, next(seas), case.meshing)[0] for _ in range(2)]  # plans
+    (one,) = best_of(5, lambda: meshing.mesh_for(case.link, next(seas), case.meshing))
+    benchmark.pedantic(lambda: meshing.mesh_for(case.link, next(seas), case.meshing), rounds=1)
     size = {"waves": len(case.surface.components.omega), "vertices": len(meshes[0].vertices)}
     benchmark.extra_info.update(cpu_seconds=one, **size)

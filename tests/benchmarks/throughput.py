@@ -15,8 +15,8 @@ from plain_loop import plain_loop
 from plain_tracer import plain_gain
 
 import meshtrace as mt
-from meshtrace.engine.photons.analog import run_analog
-from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.photons import analog
+from meshtrace.engine.setup import meshing
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 SMOOTH = mt.Link(physics=mt.Physics(unresolved="none"))
@@ -24,7 +24,7 @@ SMOOTH = mt.Link(physics=mt.Physics(unresolved="none"))
 
 def default_mesh(link: mt.Link) -> mt.TriangleMesh:
     """Return the 13 m/s sea over the footprint of a link."""
-    return mesh_for(link, JonswapSea(wind_speed=13.0, seed=7, waves="paper"))[0]
+    return meshing.mesh_for(link, JonswapSea(wind_speed=13.0, seed=7, waves="paper"))[0]
 
 
 def measure_against_plain(
@@ -33,10 +33,10 @@ def measure_against_plain(
     """Return photons per CPU second of engine and plain tracer on the default link, and the ratio."""
     link, mesh = SMOOTH, default_mesh(SMOOTH)
     intersector = mt.EmbreeIntersector(mesh, 1)
-    run_analog(link, intersector, photons=4096, seed=1)
+    analog.run_analog(link, intersector, photons=4096, seed=1)
     times = best_of(
         rounds,
-        lambda: run_analog(link, intersector, photons=photons, seed=1, threads=1),
+        lambda: analog.run_analog(link, intersector, photons=photons, seed=1, threads=1),
         lambda: plain_gain(link, mesh, plain_photons, seed=1),
     )
     rates = photons / times[0], plain_photons / times[1]

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 import meshtrace as mt
-from meshtrace.apps.explorer.stages import design_of
+from meshtrace import parallel
+from meshtrace.apps.explorer import stages
 from meshtrace.cli import console
 from meshtrace.errors import Refused
-from meshtrace.parallel import safe_processes
 from meshtrace.scenario import Scenario
 
 pytestmark = pytest.mark.process
@@ -83,7 +83,7 @@ def test_the_process_that_designs(hostile, monkeypatch):
     link = mt.Link(receiver=(mt.Receiver(), mt.Receiver(height=9.0)))
     two = Scenario.from_toml("wind_speed = 0.0").replace(link=link)
     with pytest.raises(Refused, match="design: receiver"):
-        asyncio.run(design_of(two))
+        asyncio.run(stages.design_of(two))
 
 
 WORKERS = """
@@ -119,7 +119,7 @@ def test_the_environment_is_as_before_behind_workers(monkeypatch):
         monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
         if before is not None:
             monkeypatch.setenv("PYTHONSAFEPATH", before)
-        with safe_processes():
+        with parallel.safe_processes():
             assert os.environ["PYTHONSAFEPATH"] == "1"
         assert os.environ.get("PYTHONSAFEPATH") == before
 

@@ -6,8 +6,8 @@ import pytest
 from command_line import meshtrace, refusal
 
 from meshtrace import viz
-from meshtrace.cli.tools import _content
-from meshtrace.studies.store import Store
+from meshtrace.cli import tools
+from meshtrace.studies import store
 
 FEW = ("--photons", "64")
 SWEEP = """bubbles = "none"
@@ -96,7 +96,7 @@ def test_every_result_is_drawn(name, folder):
         drawn = meshtrace("plot", file, "-o", "a.png")
         assert drawn.exit_code == 0, drawn.output
         assert (folder / "a.png").stat().st_size > 5000
-        ax = viz.plot(_content(file))
+        ax = viz.plot(tools._content(file))
         assert any(len(line.get_xdata()) for line in ax.get_lines()) or ax.patches or ax.collections
         for label in labels(ax):  # neither a key of a link file nor a bare number
             assert label
@@ -116,7 +116,7 @@ def labels(ax):
 
 @pytest.mark.filterwarnings("ignore")
 def test_what_is_no_result_is_refused(folder):
-    with Store(folder / "none.store").loop("gains", {}):
+    with store.Store(folder / "none.store").loop("gains", {}):
         pass
     assert "is not that of a sweep" in refusal("plot", folder / "none.store", "-o", "a.png")
     (folder / "other.json").write_text("{}")

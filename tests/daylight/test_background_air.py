@@ -12,8 +12,8 @@ import meshtrace as mt
 from meshtrace.daylight import QuasiSingle, glint_radiance, sky_radiance
 from meshtrace.errors import Refused
 from meshtrace.mesh import UnresolvedSlopes
-from meshtrace.optics import fresnel_reflectance
-from meshtrace.optics.fresnel import hemispheric_reflectance, unit_vector
+from meshtrace.optics import fresnel, fresnel_reflectance
+from meshtrace.optics.fresnel import hemispheric_reflectance
 from meshtrace.surfaces import FlatSea, GramCharlier, JonswapSea, SinusoidalSea
 from meshtrace.surfaces.statistics import cox_munk
 
@@ -61,7 +61,7 @@ def scattered_once(link, day, n, up):
 
 
 def test_light_out_of_the_water_is_the_sum_over_sun_and_sky():
-    day, way = mt.Daylight(direct=1.4, diffuse=0.3), np.array(unit_vector(35.0, 70.0))
+    day, way = mt.Daylight(direct=1.4, diffuse=0.3), np.array(fresnel.unit_vector(35.0, 70.0))
     links = [
         mt.Link(),
         mt.Link(water=mt.Water.from_type("coastal")),
@@ -85,7 +85,9 @@ def link(psi, **receiver):
 )  # fmt: skip
 def test_glint_of_cox_and_munk(view, sun, wind, key):
     found = glint_radiance(
-        np.array(unit_vector(*view)), np.array(unit_vector(sun, 0.0)), cox_munk(wind)
+        np.array(fresnel.unit_vector(*view)),
+        np.array(fresnel.unit_vector(sun, 0.0)),
+        cox_munk(wind),
     )
     assert found == pytest.approx(REFERENCE["glint_over_E"][key], rel=2e-7)
 
@@ -105,7 +107,7 @@ def test_flux_of_glint_over_the_hemisphere():
 def test_glint_of_skewed_slopes(azimuth_deg):
     """The reflected flux, int p rho(w) (s.n) / cos b over slopes, and the mean of a field of view."""
     law, variances, n = GramCharlier.cox_munk(10.0), cox_munk(10.0), 800
-    sun = np.array(unit_vector(50.0, azimuth_deg))
+    sun = np.array(fresnel.unit_vector(50.0, azimuth_deg))
     sin2, phi = (np.arange(n) + 0.5) / n, 2.0 * math.pi * (np.arange(n) + 0.5) / n
     s, phi = np.meshgrid(np.sqrt(sin2), phi, indexing="ij")
     view = np.stack([s * np.cos(phi), s * np.sin(phi), np.sqrt(1.0 - s**2)], axis=-1)
@@ -231,7 +233,7 @@ def test_reflectance_of_mobley_1999(pair):
     at = link(0.5, **receiver).replace("water.n", 1.34)
     found = mt.background(at, rough_plane((both, both)), day, photons=16384, water="none")
     # the table is for sky seen in the mirror direction: at the camera's own azimuth
-    seen = float(sky_radiance(day.sky, np.array(unit_vector(zenith, azimuth))))
+    seen = float(sky_radiance(day.sky, np.array(fresnel.unit_vector(zenith, azimuth))))
     wanted = REFERENCE["rho_mobley_1999_table_U4_sun30"][pair]
     assert found.radiance / seen == pytest.approx(wanted, rel=0.09)
     if pair == "40/135":  # the fit of Ruddick et al. (2006)
@@ -261,7 +263,7 @@ def test_reflectance_below_the_surface_against_walks_and_published_laws():
     # light that leaves 20 degrees from the zenith, away from the sun
     leaving = REFERENCE["water_leaving"]
     through = 1.0 - float(fresnel_reflectance(SUN.sun[2], 1.0, 1.33))
-    view = np.array([unit_vector(20.0, 180.0)])
+    view = np.array([fresnel.unit_vector(20.0, 180.0)])
     r_rs = _quasi_single(mt.Link(), SUN).upwelling(view)[0, 0] / (through * SUN.irradiance)
     assert r_rs == pytest.approx(leaving["r_rs_view20"]["value"], rel=0.015)
     # Gordon et al. (1988) and Lee et al. (2002), for water with much more scattering

@@ -11,7 +11,6 @@ from mc_statistics import z_test
 
 import meshtrace as mt
 from meshtrace.engine.backward import background
-from meshtrace.engine.backward.background import blurred_phase
 from meshtrace.errors import Refused
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.optics import FournierForand
@@ -165,7 +164,7 @@ def test_walk_equals_the_quasi_single_approximation():
 
 def test_blurred_phase_functions_keep_their_probability():
     phase = FournierForand()
-    table = blurred_phase(phase)
+    table = background.blurred_phase(phase)
     theta = np.linspace(0.0, math.pi, len(table))
     total = 2.0 * math.pi * np.trapezoid(table * np.sin(theta), theta)
     assert total == pytest.approx(1.0, rel=2e-3)

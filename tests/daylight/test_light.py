@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.daylight import light, sky, sky_radiance
-from meshtrace.daylight.patterns import PATTERNS, hemisphere
+from meshtrace.daylight import light, patterns, sky, sky_radiance
+from meshtrace.daylight.patterns import hemisphere
 from meshtrace.errors import Refused
-from meshtrace.optics.fresnel import unit_vector
+from meshtrace.optics import fresnel
 
 REFERENCE = json.loads(
     (Path(__file__).parents[1] / "data/daylight_downlink_reference.json").read_text()
@@ -30,18 +30,22 @@ def test_zenith_radiance_of_the_reference(pattern):
 
 @pytest.mark.parametrize("pattern", ["cie-12", "harrison-coombes", "cie-1"])
 def test_radiance_seen_aside_of_the_sun(pattern):
-    found = sky_radiance(sky(pattern, 0.295018, 30.0, 0.0), np.array(unit_vector(40.0, 135.0)))
+    found = sky_radiance(
+        sky(pattern, 0.295018, 30.0, 0.0), np.array(fresnel.unit_vector(40.0, 135.0))
+    )
     assert found == pytest.approx(REFERENCE["sky"]["radiance_40_135"][pattern], rel=2e-5)
 
 
 @pytest.mark.parametrize("kind", ["1", "12"])
 def test_cie_sky_of_another_implementation(kind):
     pattern = sky(f"cie-{kind}", 1.0, 30.0, 0.0)
-    ratio = sky_radiance(pattern, np.array(unit_vector(45.0, 180.0))) / sky_radiance(pattern, UP)
+    ratio = sky_radiance(pattern, np.array(fresnel.unit_vector(45.0, 180.0))) / sky_radiance(
+        pattern, UP
+    )
     assert ratio == pytest.approx(REFERENCE["sky"]["cie_z45_az180_sun30"][kind], rel=2e-7)
 
 
-@pytest.mark.parametrize("pattern", PATTERNS)
+@pytest.mark.parametrize("pattern", patterns.PATTERNS)
 @pytest.mark.parametrize("zenith", [0.0, 30.0, 75.0])
 def test_patterns_carry_their_irradiance(pattern, zenith):
     # an independent quadrature: uniform midpoints, with the sun turned aside
@@ -59,7 +63,7 @@ def test_normalisation_to_1e_6_against_adaptive_quadrature():
     made = sky("harrison-coombes", 1.0, 30.0, 0.0)
 
     def flux(azimuth, zenith):
-        towards = np.array(unit_vector(math.degrees(zenith), math.degrees(azimuth)))
+        towards = np.array(fresnel.unit_vector(math.degrees(zenith), math.degrees(azimuth)))
         return float(sky_radiance(made, towards)) * math.cos(zenith) * math.sin(zenith)
 
     low, _ = dblquad(flux, 0.0, math.pi / 6.0, 0.0, math.pi, epsabs=1e-8)
@@ -124,7 +128,7 @@ def test_moonlight_scales_with_the_phase(phase, factor):
 def test_night_is_uniform():
     night = mt.Daylight.night()
     for zenith in (0.0, 50.0, 89.0):
-        towards = np.array(unit_vector(zenith, 20.0))
+        towards = np.array(fresnel.unit_vector(zenith, 20.0))
         assert sky_radiance(night.sky, towards) == pytest.approx(2.3e-9, rel=1e-9)
 
 

@@ -19,7 +19,8 @@ from hostile import _damage
 import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.optics import mie
-from meshtrace.stored import load, read_dataset, write_dataset
+from meshtrace.results import load
+from meshtrace.stored import read_dataset, write_dataset
 from paper.runner import read_record, write_record
 from paper.water import WaterProfile, load_profiles
 

@@ -22,7 +22,7 @@ import pytest
 import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.files import atomic
-from meshtrace.stored import load
+from meshtrace.results import load
 from meshtrace.surfaces import FlatSea
 
 pytestmark = [

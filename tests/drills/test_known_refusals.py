@@ -9,7 +9,7 @@ import meshtrace as mt
 from meshtrace import fading, surfaces
 from meshtrace.comms import budget, capacity, decisions, devices
 from meshtrace.errors import Refused
-from meshtrace.results.gain import bound_where_dark
+from meshtrace.results import gain
 from meshtrace.studies import swings
 from meshtrace.surfaces import FlatSea
 from paper import water as profiles
@@ -254,7 +254,7 @@ def test_counts_of_numpy_are_kept_in_files(tmp_path):
 
 def test_one_dark_photon_bounds_the_gain_by_one():
     """3 / n is 3 for one photon, and no gain is above 1."""
-    assert bound_where_dark(0.0, 1) == 1.0
+    assert gain.bound_where_dark(0.0, 1) == 1.0
     link = mt.Link(receiver=mt.Receiver(radius=1e-6))
     run = mt.simulate(link, SEA, "analog", photons=1, seed=1, spacing=1.0)
     assert (run.gain, run.gain_bound) == (0.0, 1.0)

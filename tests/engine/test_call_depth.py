@@ -10,11 +10,11 @@ import pytest
 from numba.core.registry import CPUDispatcher
 
 import meshtrace as mt
-from meshtrace.kernels.jit import KernelCache, config
+from meshtrace.kernels import jit
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 pytestmark = [
-    pytest.mark.skipif(bool(config.DISABLE_JIT), reason="there are no compiled kernels"),
+    pytest.mark.skipif(bool(jit.config.DISABLE_JIT), reason="there are no compiled kernels"),
     pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning"),
     pytest.mark.filterwarnings("ignore::meshtrace.FewSamplesWarning"),
 ]
@@ -74,7 +74,7 @@ def ways(monkeypatch):
     modules = [m for name, m in sys.modules.items() if name.startswith("meshtrace.")]
     for module in modules:
         for name, value in list(vars(module).items()):
-            if isinstance(value, CPUDispatcher) and isinstance(value._cache, KernelCache):
+            if isinstance(value, CPUDispatcher) and isinstance(value._cache, jit.KernelCache):
                 file = value.py_func.__code__.co_filename
                 monkeypatch.setattr(module, name, watched(name, file, value))
     return found

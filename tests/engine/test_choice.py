@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.choice import ScatteredPilot, chain_cost, choose, is_clear, prefer_analog
+from meshtrace.engine import choice
 from meshtrace.engine.forced import ForcedDetection
 from meshtrace.surfaces import FlatSea
 
 
 def pilot(mean, relative_error, samples):
     error = relative_error * mean
-    return ScatteredPilot(np.array([mean]), np.array([error**2 * samples]), np.array([error]))
+    return choice.ScatteredPilot(
+        np.array([mean]), np.array([error**2 * samples]), np.array([error])
+    )
 
 
 @pytest.mark.parametrize(
@@ -25,22 +27,22 @@ def test_twice_the_light_of_photons_in_turbid_water_must_be_certain(
     expected, error_of_photons, method
 ):
     chains, photons = pilot(1.0, 0.1, 500), pilot(2.3, error_of_photons, 2048)
-    assert choose(chains, photons, expected) == [method]
+    assert choice.choose(chains, photons, expected) == [method]
 
 
 def test_chains_may_vary_more_where_photons_scatter_often():
     chains, photons = pilot(1.0, 0.05, 4000), pilot(1.0, 0.05, 2048)
-    assert choose(chains, photons, 0.4) == ["joined"]
-    assert choose(chains, photons, 20.0) == ["chains"]
-    assert chain_cost(20.0) == pytest.approx(0.1)
-    assert chain_cost(10.0) == pytest.approx(0.2)
+    assert choice.choose(chains, photons, 0.4) == ["joined"]
+    assert choice.choose(chains, photons, 20.0) == ["chains"]
+    assert choice.chain_cost(20.0) == pytest.approx(0.1)
+    assert choice.chain_cost(10.0) == pytest.approx(0.2)
 
 
 def test_tails_too_small_to_be_squared_are_no_clear_light():
     """Their variance of 0 once was that of certain light: a gain of 1.7e-207 +- 0 for 5e-11."""
-    assert is_clear(pilot(1e-9, 0.01, 1000)).all()
-    assert not is_clear(pilot(1e-207, 0.5, 1000)).any()
-    assert not is_clear(pilot(1e-160, 0.5, 1000)).any()
+    assert choice.is_clear(pilot(1e-9, 0.01, 1000)).all()
+    assert not choice.is_clear(pilot(1e-207, 0.5, 1000)).any()
+    assert not choice.is_clear(pilot(1e-160, 0.5, 1000)).any()
 
 
 @pytest.mark.slow
@@ -68,11 +70,11 @@ def test_every_seed_finds_light_that_scattering_alone_brings():
 def test_analog_photons_serve_where_many_hit(variance, gain, method):
     """A score up to w of mean h varies by w / h - 1; 24 times the variance of a pilot beats it."""
     found = pilot(gain, (variance / 4000) ** 0.5, 4000)
-    assert prefer_analog(found, 1.0, ["chains"]) == [method]
+    assert choice.prefer_analog(found, 1.0, ["chains"]) == [method]
 
 
 def test_a_pilot_that_rests_on_one_heavy_sample_prefers_no_analog_photons():
-    assert prefer_analog(pilot(1e-2, 1.0, 4000), 1.0, ["joined"]) == ["joined"]
+    assert choice.prefer_analog(pilot(1e-2, 1.0, 4000), 1.0, ["joined"]) == ["joined"]
 
 
 def turbid(b, radius=1.0):

@@ -8,10 +8,8 @@ from scipy.spatial.transform import Rotation
 
 import meshtrace as mt
 from meshtrace.engine import crossing
-from meshtrace.engine.crossing import ROOT, enumerate_roots
-from meshtrace.kernels.jit import entry, inlined
+from meshtrace.kernels import jit, vectors
 from meshtrace.kernels.scene import FLAT_SEA, locate
-from meshtrace.kernels.vectors import Vec2, Vec3, row, write
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.optics.fresnel import refract
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
@@ -31,13 +29,15 @@ def minimal_rotation(w):
 # ---- emission_through ------------------------------------------------------------------------
 
 
-@entry
+@jit.entry
 def _through(q, v, p, branch, out):
     for i in range(len(q)):
-        ok, out[i, 1], w, d = crossing.emission_through(row(q, i), row(v, i), row(p, i), branch)
+        ok, out[i, 1], w, d = crossing.emission_through(
+            vectors.row(q, i), vectors.row(v, i), vectors.row(p, i), branch
+        )
         out[i, 0] = 1.0 if ok else 0.0
-        write(out[i, 2:5], w)
-        write(out[i, 5:8], d)
+        vectors.write(out[i, 2:5], w)
+        vectors.write(out[i, 5:8], d)
 
 
 def through(q, v, p, branch=1.0):
@@ -119,22 +119,24 @@ def test_light_that_leads_away_has_no_forward_crossing():
 # ---- land, jacobian --------------------------------------------------------------------------
 
 
-@inlined
+@jit.inlined
 def shot_at(q, v, x, y, branch, scene):
-    none, goal = Vec2(0.0, 0.0), Vec2(x, y)
+    none, goal = vectors.Vec2(0.0, 0.0), vectors.Vec2(x, y)
     start = scene.emitter.position
-    return crossing.Shot(start, Vec3(q[0], q[1], q[2]), Vec3(v[0], v[1], v[2]), goal, branch, none)
+    return crossing.Shot(
+        start, vectors.Vec3(q[0], q[1], q[2]), vectors.Vec3(v[0], v[1], v[2]), goal, branch, none
+    )
 
 
-@entry
+@jit.entry
 def _aims(points, facets, q, v, branch, scene, out):
     for i in range(len(points)):
         shot = shot_at(q, v, 0.0, 0.0, branch, scene)
         m = crossing.aim_at(points[i, 0], points[i, 1], facets[i], shot, scene)
         out[i, 0] = 1.0 if m.ok else 0.0
         out[i, 1], out[i, 2] = m.at.x, m.at.y
-        write(out[i, 3:6], m.w)
-        write(out[i, 6:9], m.r)
+        vectors.write(out[i, 3:6], m.w)
+        vectors.write(out[i, 6:9], m.r)
         out[i, 9], out[i, 10], out[i, 11] = m.rho, m.length, m.flight
 
 
@@ -145,7 +147,7 @@ def aims(points, facets, q, v, scene, branch=1.0):
     return out
 
 
-@entry
+@jit.entry
 def _locate(scene, points, out):
     for i in range(len(points)):
         out[i] = locate(scene.locator, scene.surface, points[i, 0], points[i, 1])
@@ -214,7 +216,7 @@ def test_light_beyond_the_critical_angle_does_not_leave(scene):
         assert bool(out[0, 0]) is ok
 
 
-@entry
+@jit.entry
 def _jacobians(points, facets, q, v, scene, out):
     for i in range(len(points)):
         shot = shot_at(q, v, 0.0, 0.0, 1.0, scene)
@@ -248,7 +250,7 @@ def test_jacobian_against_central_differences(wave_mesh, normals, scene_of):
     np.testing.assert_allclose(got, np.abs(e[:, 4] * e[:, 7] - e[:, 5] * e[:, 6]), rtol=2e-3)
 
 
-@entry
+@jit.entry
 def _flats(points, q, v, scene, out):
     for i in range(len(points)):
         shot = shot_at(q, v, 0.0, 0.0, 1.0, scene)
@@ -305,21 +307,21 @@ def test_every_vertex_and_edge_belongs_to_a_facet(scene_of):
     assert lost.mean() < 0.05
 
 
-@entry
+@jit.entry
 def _roots(flat_at, radius, q, v, target, scene, flat, roots):
     shot = shot_at(q, v, target[0], target[1], 1.0, scene)
     crossing.flat_crossing(flat[0], flat_at[0], flat_at[1], shot, scene)
-    return enumerate_roots(roots, 0, flat[0], radius, False, shot, scene)
+    return crossing.enumerate_roots(roots, 0, flat[0], radius, False, shot, scene)
 
 
 def roots_near(flat_at, radius, q, v, target, scene):
     """Return the crossings near a crossing of the flat sea."""
-    roots = np.zeros(64, ROOT)
+    roots = np.zeros(64, crossing.ROOT)
     flat = np.zeros(1, crossing.FLAT)
     return roots[: _roots(flat_at, radius, q, v, np.array(target), scene, flat, roots)]
 
 
-@entry
+@jit.entry
 def _newton_flat(q, v, target, start, scene, out):
     shot = shot_at(q, v, target[0], target[1], 1.0, scene)
     found, x, y, _ = crossing.newton(start[0], start[1], FLAT_SEA, True, 1.0, shot, scene)

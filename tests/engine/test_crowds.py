@@ -6,9 +6,10 @@ from mc_statistics import ALPHA
 from scipy.stats import chi2
 
 import meshtrace as mt
-from meshtrace.engine.chains.aimed import AimedChains
-from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.setup.ends import forced_link
+from meshtrace.engine import forced
+from meshtrace.engine.chains import aimed
+from meshtrace.engine.forced import ForcedDetection
+from meshtrace.engine.setup import ends
 from meshtrace.surfaces import JonswapSea
 
 SEA = JonswapSea(wind_speed=5.0, seed=7)
@@ -21,7 +22,7 @@ def crowd(n=10, half=2.0):
 
 
 def stands_for(receivers):
-    return forced_link(mt.Link(receiver=tuple(receivers))).stands_for
+    return ends.forced_link(mt.Link(receiver=tuple(receivers))).stands_for
 
 
 def test_few_receivers_stand_for_themselves():
@@ -57,7 +58,7 @@ def test_the_order_of_many_receivers_changes_nothing():
     found = []
     for some, threads in ((np.arange(len(rows)), 1), (order, 2)):
         link = mt.Link(receiver=tuple(rows[i] for i in some))
-        sea = TypicalSea.of_meshes([mesh])
+        sea = forced.TypicalSea.of_meshes([mesh])
         parts = ForcedDetection(link, 512, 1, threads=threads, sea=sea).evaluate(mesh)
         assert {"chains", "joined"} == set(parts.method)
         back = np.argsort(some)
@@ -92,7 +93,7 @@ def test_errors_of_many_receivers_are_true():
     link, seeds = mt.Link(receiver=tuple(rows)), 64
     mesh = SEA.mesh(extent=25.0, spacing=0.25)
     parts = [
-        ForcedDetection(link, 512, seed, sea=TypicalSea.of_meshes([mesh])).evaluate(mesh)
+        ForcedDetection(link, 512, seed, sea=forced.TypicalSea.of_meshes([mesh])).evaluate(mesh)
         for seed in range(seeds)
     ]
     gain, error = (np.array([getattr(p, k)[some] for p in parts]) for k in ("gain", "stderr"))
@@ -106,8 +107,12 @@ def test_blocks_of_facets_leave_out_no_light():
     """Bit for bit the light of all facets, which few receivers have."""
     rows, mesh = crowd(4, 4.0), SEA.mesh(extent=12.0, spacing=0.25)
     for some in (rows, [r.replace(tilt_deg=20.0, height=2.0) for r in rows]):
-        many = AimedChains(forced_link(mt.Link(receiver=tuple(some))), mesh, unresolved="tilt")
+        many = aimed.AimedChains(
+            ends.forced_link(mt.Link(receiver=tuple(some))), mesh, unresolved="tilt"
+        )
         for i in (0, 5, 15):
-            one = AimedChains(forced_link(mt.Link(receiver=some[i])), mesh, unresolved="tilt")
+            one = aimed.AimedChains(
+                ends.forced_link(mt.Link(receiver=some[i])), mesh, unresolved="tilt"
+            )
             assert many.blurred
             np.testing.assert_array_equal(many.direct_gains(0, i), one.direct_gains(0, 0))

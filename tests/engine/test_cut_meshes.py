@@ -13,7 +13,7 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
-from meshtrace.engine.chains.sets import Request
+from meshtrace.engine.chains import sets
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.stored import SHIFTS
@@ -109,7 +109,7 @@ def test_light_through_large_facets_against_searched_chains(name, tilts):
     forced = ForcedDetection(LINKS[name], 64, 1, scattered="chains")
     aimed = forced.planner.aim_over(still_water(4, tilts))
     gain = aimed.direct_gains(0, 0).sum()
-    drawn = forced.drawer.draw(Request(0, 0, 256, (7, 0, 0, 1)))
+    drawn = forced.drawer.draw(sets.Request(0, 0, 256, (7, 0, 0, 1)))
     aimed.blurred = False
     shifts = aimed.aim(0, 0, drawn).score.reshape(SHIFTS, -1).mean(axis=1)
     stderr = shifts.std(ddof=1) / math.sqrt(SHIFTS)
@@ -179,7 +179,7 @@ def test_views_narrower_than_the_facets(mss, fov, points):
     aimed = forced.planner.aim_over(mesh)
     gain = aimed.direct_gains(0, 0).sum()
     aimed.blurred = False
-    drawn = forced.drawer.draw(Request(0, 0, points, (7, 0, 0, 1)))
+    drawn = forced.drawer.draw(sets.Request(0, 0, points, (7, 0, 0, 1)))
     shifts = aimed.aim(0, 0, drawn).score.reshape(SHIFTS, -1).mean(axis=1)
     stderr = shifts.std(ddof=1) / math.sqrt(SHIFTS)
     assert stderr < 0.01 * gain

@@ -18,8 +18,8 @@ import meshtrace as mt
 from meshtrace import Vertex
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
+from meshtrace.engine.setup import meshing
 from meshtrace.engine.setup.ends import crossing_reach, forced_link
-from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.errors import Refused
 from meshtrace.surfaces import FlatSea, SinusoidalSea, sea_in_wind
 
@@ -59,7 +59,7 @@ BEAM = mt.AirBeam(height=20.0)
     ids=["flat", "sinusoid", "all features"],
 )
 def test_the_mirrored_link_has_the_square_of_the_index_times_the_gain(up, sea):
-    mesh, _ = mesh_for(up, sea, reach=crossing_reach(up))
+    mesh, _ = meshing.mesh_for(up, sea, reach=crossing_reach(up))
     sea = TypicalSea.of_meshes([mesh])
     a, b = (
         ForcedDetection(link, 4096, 1, sea=sea, scattered="chains").evaluate(mesh)
@@ -309,7 +309,7 @@ LINKS = {
 @pytest.mark.slow_but("bubbles and foam", "narrow beam")
 def test_forced_detection_agrees_with_analog_photons(name):
     link, sea = LINKS[name]
-    mesh, _ = mesh_for(link, sea)
+    mesh, _ = meshing.mesh_for(link, sea)
     forced = mt.simulate(link, mesh, photons=8192, threads=2)
     analog = mt.simulate(link, mesh, "analog", photons=2_400_000, threads=2)
     error = math.hypot(forced.gain_stderr, analog.gain_stderr)
@@ -326,7 +326,7 @@ def test_a_lamp_far_aside_needs_a_bounded_sea(aside):
     lamp = mt.AirLed(half_angle_deg=60.0)
     link = down(lamp, 0.05, position=(aside, 0.0), fov_deg=180.0)
     reach = crossing_reach(link)
-    mesh, _ = mesh_for(link, sea_in_wind(5.0), reach=reach)
+    mesh, _ = meshing.mesh_for(link, sea_in_wind(5.0), reach=reach)
     assert reach < aside + 60.0
     assert len(mesh.faces) < 20_000 * (aside + 10.0)
     with catch_warnings():
@@ -350,7 +350,7 @@ def test_a_lamp_close_to_the_water_reaches_a_receiver_aside():
 @pytest.mark.thorough
 def test_joined_photons_to_the_lamp_agree_with_chains():
     link = down(mt.AirLed(half_angle_deg=40.0), position=(6.0, 0.0), fov_deg=120.0)
-    mesh, _ = mesh_for(link.in_wind(8.0), sea_in_wind(8.0), reach=crossing_reach(link))
+    mesh, _ = meshing.mesh_for(link.in_wind(8.0), sea_in_wind(8.0), reach=crossing_reach(link))
     sea = TypicalSea.of_meshes([mesh])
     a, b = (
         ForcedDetection(link.in_wind(8.0), n, 1, sea=sea, scattered=how).evaluate(mesh)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.photons.analog import run_analog
+from meshtrace.engine.photons import analog
 from meshtrace.results import Fate
 from meshtrace.surfaces import JonswapSea
 
@@ -21,7 +21,7 @@ def test_engine_gives_the_same_on_brute_force(normals):
         receiver=mt.Receiver(height=3.0, radius=1.0),
     )
     fast, slow = (
-        run_analog(link, intersector, photons=10_000, seed=3, normals=normals)
+        analog.run_analog(link, intersector, photons=10_000, seed=3, normals=normals)
         for intersector in (mt.EmbreeIntersector(mesh), mt.BruteForceIntersector(mesh))
     )
     assert fast.score[0] > 100.0

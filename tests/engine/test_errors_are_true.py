@@ -11,10 +11,10 @@ import pytest
 from mc_statistics import sidak
 
 import meshtrace as mt
+from meshtrace.engine import forced
 from meshtrace.engine.chains.aimed import AimedChains
-from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.forced import ForcedDetection
+from meshtrace.engine.setup import ends, meshing
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 
@@ -127,10 +127,10 @@ def squares_of_scatter(name, photons):
     tail, which have low gains and small errors.
     """
     link, sea = LINKS[name]
-    mesh, _ = mesh_for(link, sea, reach=crossing_reach(link))
+    mesh, _ = meshing.mesh_for(link, sea, reach=ends.crossing_reach(link))
     crest = float(mesh.bounds[1, 2])
     parts = [
-        ForcedDetection(link, photons, seed, threads=2, sea=TypicalSea(crest)).evaluate(mesh)
+        ForcedDetection(link, photons, seed, threads=2, sea=forced.TypicalSea(crest)).evaluate(mesh)
         for seed in range(SEEDS)
     ]
     gain, error = (np.array([getattr(p, k)[0] for p in parts]) for k in ("gain", "stderr"))

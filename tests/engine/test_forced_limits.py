@@ -11,10 +11,9 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
-from meshtrace.engine.chains.aimed import AimedChains
-from meshtrace.engine.chains.sets import flat_mesh
-from meshtrace.engine.photons.joined import JoinedPhotons
-from meshtrace.engine.setup.ends import forced_link
+from meshtrace.engine.chains import aimed, sets
+from meshtrace.engine.photons import joined
+from meshtrace.engine.setup import ends
 from meshtrace.surfaces import FlatSea
 
 pytestmark = [
@@ -126,9 +125,10 @@ def test_a_wide_view_over_a_large_flat_sea():
         transmitter=mt.Led(half_angle_deg=60.0),
         receiver=mt.Receiver(position=(20.0, 0.0), fov_deg=179.0),
     )
-    arrays = forced_link(link)
+    arrays = ends.forced_link(link)
     wide, near = (
-        AimedChains(arrays, flat_mesh(np.full(2, -far), np.full(2, far))) for far in (160.0, 20.0)
+        aimed.AimedChains(arrays, sets.flat_mesh(np.full(2, -far), np.full(2, far)))
+        for far in (160.0, 20.0)
     )
     near_gain = near.direct_gains(0, 0).sum()  # compiles
     start = time.process_time()
@@ -187,14 +187,14 @@ def test_a_map_that_looks_away_from_the_light_says_so(source, b, height, axis, w
 def test_opaque_water_is_refused_instead_of_followed_without_end(water):
     link = mt.Link(water=water)
     with pytest.raises(mt.Refused, match="an optical depth of 1e"):
-        JoinedPhotons(link, 32, seed=1)
+        joined.JoinedPhotons(link, 32, seed=1)
     with pytest.raises(mt.Refused, match='estimator="analog"'):
         mt.simulate(link, FlatSea(), photons=32, seed=1)
 
 
 def test_the_deep_below_counts_by_the_collisions_that_it_lets_photons_try():
     water = mt.Water(layers=[(0.0, 0.1, 0.2), (50.0, 1e30, 0.1)])
-    JoinedPhotons(mt.Link(water=water), 32, seed=1)  # absorption along the way: none
+    joined.JoinedPhotons(mt.Link(water=water), 32, seed=1)  # absorption along the way: none
     implicit = mt.Physics(absorption="implicit")
     with pytest.raises(mt.Refused, match="an optical depth of 1e"):
-        JoinedPhotons(mt.Link(water=water, physics=implicit), 32, seed=1)
+        joined.JoinedPhotons(mt.Link(water=water, physics=implicit), 32, seed=1)

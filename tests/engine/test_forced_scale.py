@@ -7,8 +7,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.engine.forced import ForcedDetection
-from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.setup import ends, meshing
 from meshtrace.errors import DomainWarning, Refused
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.surfaces import FlatSea
@@ -23,7 +22,7 @@ def scaled(k, x=0.0):
 
 
 def parts_of(link, photons=2048, seed=1):
-    mesh, _ = mesh_for(link, FlatSea(), reach=crossing_reach(link))
+    mesh, _ = meshing.mesh_for(link, FlatSea(), reach=ends.crossing_reach(link))
     return ForcedDetection(link, photons, seed).evaluate(mesh)
 
 
@@ -54,16 +53,16 @@ def test_links_far_from_the_origin(x, metres):
 def test_a_receiver_far_aside_takes_a_small_mesh():
     """It once built 11.3 million facets."""
     link = mt.Link(receiver=mt.Receiver(position=(100.0, 0.0)))
-    mesh, _ = mesh_for(link, FlatSea(), reach=crossing_reach(link))
+    mesh, _ = meshing.mesh_for(link, FlatSea(), reach=ends.crossing_reach(link))
     assert len(mesh.faces) < 1_000_000
     low, high = mesh.bounds
     assert low[0] < 0.0
-    assert high[0] > crossing_reach(link)
+    assert high[0] > ends.crossing_reach(link)
 
 
 def test_a_mesh_of_too_many_facets_is_refused_before_it_is_made():
     with pytest.raises(Refused, match=r"mesh: .* million facets, some .* GB, allowed"):
-        mesh_for(mt.Link(), FlatSea(), mt.Meshing(extent=1000.0, spacing=0.01))
+        meshing.mesh_for(mt.Link(), FlatSea(), mt.Meshing(extent=1000.0, spacing=0.01))
 
 
 def test_an_extent_that_cuts_the_light_is_said():

@@ -16,10 +16,9 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy.stats import binom
 
 import meshtrace as mt
-from meshtrace.engine.correlated import FrozenForced
+from meshtrace.engine import correlated
 from meshtrace.engine.forced import ForcedDetection
-from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.setup import ends, meshing
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.parallel import ordered_map
 from meshtrace.surfaces import FlatSea, JonswapSea
@@ -92,7 +91,7 @@ LINKS = {
 
 
 def parts_of(link, photons, seed):
-    mesh, _ = mesh_for(link, FlatSea(), reach=crossing_reach(link))
+    mesh, _ = meshing.mesh_for(link, FlatSea(), reach=ends.crossing_reach(link))
     return ForcedDetection(link, photons, seed).evaluate(mesh)
 
 
@@ -238,25 +237,29 @@ def test_few_samples_of_isotropic_scattering_are_said(tilt, seed):
 def test_frozen_chains_warn_where_simulate_would():
     tilted = mt.Link(receiver=mt.Receiver(tilt_deg=40.0))
     with pytest.warns(mt.FewSamplesWarning, match="for which `simulate` uses joined photons"):
-        FrozenForced(tilted, 1024, 1)
+        correlated.FrozenForced(tilted, 1024, 1)
     turbid = mt.Link(
         water=mt.Water(a=0.05, b=0.8, phase=mt.HenyeyGreenstein(g=0.5)),
         physics=mt.Physics(second_hit="ignore"),  # chains alone follow this
     )
     with pytest.warns(mt.FewSamplesWarning, match="chains contribute, effective sample size"):
-        FrozenForced(turbid, 1024, 1)
-    FrozenForced(mt.Link(), 1024, 1)  # warnings are errors
+        correlated.FrozenForced(turbid, 1024, 1)
+    correlated.FrozenForced(mt.Link(), 1024, 1)  # warnings are errors
 
 
 def test_neighbours_draw_chains_once_and_where_needed(monkeypatch):
     """Not for unscattered light, and once for all surfaces that threads look at together."""
-    frozen, draw, drawn = FrozenForced(mt.Link(), 64, 1), FrozenForced._draw, []
+    frozen, draw, drawn = (
+        correlated.FrozenForced(mt.Link(), 64, 1),
+        correlated.FrozenForced._draw,
+        [],
+    )
 
     def counted(self, *rest):
         drawn.append(rest)
         return draw(self, *rest)
 
-    monkeypatch.setattr(FrozenForced, "_draw", counted)
+    monkeypatch.setattr(correlated.FrozenForced, "_draw", counted)
     seas = [JonswapSea(wind_speed=5.0, seed=i) for i in range(4)]
     meshes = [sea.mesh(extent=12.0, spacing=0.3) for sea in seas]
     direct = frozen.unscattered(mt.Link(), meshes[0])

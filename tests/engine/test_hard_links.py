@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine import forced
+from meshtrace.engine.forced import ForcedDetection
+from meshtrace.engine.setup import ends, meshing
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 
 pytestmark = [
@@ -123,10 +123,11 @@ HARD = {
 def test_scatter_over_stated_errors(name):
     """0.8 to 1.2: 3.2 standard deviations of the ratio of 128 normal gains, for each link."""
     link, sea = HARD[name]
-    mesh, _ = mesh_for(link, sea, reach=crossing_reach(link))
+    mesh, _ = meshing.mesh_for(link, sea, reach=ends.crossing_reach(link))
     crest = float(mesh.bounds[1, 2])
     parts = [
-        ForcedDetection(link, 4096, seed, sea=TypicalSea(crest)).evaluate(mesh) for seed in SETS
+        ForcedDetection(link, 4096, seed, sea=forced.TypicalSea(crest)).evaluate(mesh)
+        for seed in SETS
     ]
     gain, error = (np.array([getattr(p, k)[0] for p in parts]) for k in ("gain", "stderr"))
     ratio = gain.std(ddof=1) / np.sqrt((error**2).mean())

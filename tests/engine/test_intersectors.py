@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace import TriangleMesh
 from meshtrace.engine.bvh import Hits
-from meshtrace.mesh import TriangleMesh
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 TOLERANCE = 2e-5  # [m], some units of single precision at 10 m

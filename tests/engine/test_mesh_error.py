@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace.engine import mesh_error
 from meshtrace.engine.chains.aimed import AimedChains
-from meshtrace.engine.mesh_error import relative_mesh_error
-from meshtrace.engine.setup.ends import crossing_reach, forced_link
-from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.setup import ends, meshing
 from meshtrace.errors import DomainWarning
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, Surface, TiltedPlane
 
@@ -20,13 +19,15 @@ STEEP = SinusoidalSea(amplitude=0.1, wavelength=2.0)
 
 
 def unscattered(link, mesh):
-    arrays = forced_link(link)
+    arrays = ends.forced_link(link)
     aimed = AimedChains(arrays, mesh, "vertex", link.physics.unresolved)
     return float(arrays.by_receiver(np.array([[aimed.direct_gains(0, 0).sum()]]))[0])
 
 
 def mesh_of(link, sea, spacing=None):
-    return mesh_for(link, sea, mt.Meshing(spacing=spacing), reach=crossing_reach(link))[0]
+    return meshing.mesh_for(
+        link, sea, mt.Meshing(spacing=spacing), reach=ends.crossing_reach(link)
+    )[0]
 
 
 def true_error(link, sea, mesh, spacing=None):
@@ -52,7 +53,7 @@ def true_error(link, sea, mesh, spacing=None):
 def test_estimate_is_within_a_factor_of_the_true_error(link, seas):
     meshes = [mesh_of(link, sea, 0.1) for sea in seas]
     true = [true_error(link, sea, mesh) for sea, mesh in zip(seas, meshes, strict=True)]
-    found = [relative_mesh_error(link, mesh)[0][0] for mesh in meshes]
+    found = [mesh_error.relative_mesh_error(link, mesh)[0][0] for mesh in meshes]
     ratio = np.sqrt(np.mean(np.square(found)) / np.mean(np.square(true)))
     assert 0.4 < ratio < 3.0
 
@@ -62,7 +63,7 @@ def test_default_spacing_of_a_steep_wave_keeps_the_error_below_3_in_1000():
     coarse, default = mesh_of(LINK, STEEP, 0.1), mesh_of(LINK, STEEP)
     assert abs(true_error(LINK, STEEP, coarse)) > 0.025
     assert abs(true_error(LINK, STEEP, default, 0.005)) < 0.003
-    assert relative_mesh_error(LINK, default)[0][0] < 0.003
+    assert mesh_error.relative_mesh_error(LINK, default)[0][0] < 0.003
 
 
 def test_default_spacing_of_the_default_sea_stays():
@@ -115,13 +116,13 @@ def test_analog_photons_have_no_error_of_the_mesh():
 def test_meshes_that_are_no_grids_have_an_unknown_error():
     mesh = mesh_of(LINK, STEEP, 0.2)
     other = replace(mesh, faces=np.roll(mesh.faces, 1, axis=0))
-    assert relative_mesh_error(LINK, other) is None
+    assert mesh_error.relative_mesh_error(LINK, other) is None
 
 
 def test_dark_receivers_take_the_error_of_another_source():
     aside = mt.Link(transmitter=mt.link.Led(depth=1.0), receiver=mt.link.Receiver(height=1.0))
     aside = aside.replace("receiver.position", (2.0, 0.0))
-    found, gain = relative_mesh_error(aside, mesh_of(aside, STEEP, 0.1))
+    found, gain = mesh_error.relative_mesh_error(aside, mesh_of(aside, STEEP, 0.1))
     assert gain[0] == 0.0
     assert 1e-4 < found[0] < 0.1
 

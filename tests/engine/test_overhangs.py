@@ -9,10 +9,9 @@ from leaning import LeaningWave
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
-from meshtrace.engine.setup.arrays import medium_arrays, with_raster
-from meshtrace.kernels.jit import allocating_entry
+from meshtrace.engine.setup import arrays
+from meshtrace.kernels import jit, vectors
 from meshtrace.kernels.medium import local_elevation
-from meshtrace.kernels.vectors import row
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.optics.fresnel import refract
@@ -237,11 +236,11 @@ def test_a_gentle_lean_is_a_height_field():
     assert sheared.gain == pytest.approx(field.gain, rel=5e-3)
 
 
-@allocating_entry
+@jit.allocating_entry
 def elevations(medium, points):
     out = np.empty(len(points))
     for i in range(len(points)):
-        out[i] = local_elevation(medium, row(points, i))
+        out[i] = local_elevation(medium, vectors.row(points, i))
     return out
 
 
@@ -250,7 +249,9 @@ def test_depth_below_the_first_crossing_above():
     big = LeaningWave(amplitude=3.0, wavelength=40.0, lean=9.0)
     mesh = big.mesh(extent=20.0, spacing=0.1)
     embree = mt.EmbreeIntersector(mesh, 1)
-    medium = with_raster(medium_arrays(mt.Link(bubbles=mt.HallNovarini(wind_speed=9.0))), embree)
+    medium = arrays.with_raster(
+        arrays.medium_arrays(mt.Link(bubbles=mt.HallNovarini(wind_speed=9.0))), embree
+    )
     assert medium.overhangs
     folds = big.folds
     rng = np.random.default_rng(3)

@@ -8,9 +8,8 @@ import pytest
 from scipy.stats import chi2
 
 import meshtrace as mt
-from meshtrace.engine.choice import returned_gain
+from meshtrace.engine import choice, outcome
 from meshtrace.engine.forced import ForcedDetection
-from meshtrace.engine.outcome import warn_of_omitted
 from meshtrace.errors import DomainWarning
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces import FlatSea, JonswapSea
@@ -63,7 +62,7 @@ DEEP = {
 def check(surface, photons, options):
     """3.9 standard errors: a right estimate fails one test in 10^4."""
     gain, error = returned_by_analog(surface, photons, **options)
-    closed = returned_gain(link_of(**options))[0]
+    closed = choice.returned_gain(link_of(**options))[0]
     print(f"analog {gain:.3e} +- {error:.1e}, closed / analog {closed / gain:.2f}")
     assert gain > 4.0 * error
     assert LOW * (gain - 3.9 * error) < closed < HIGH * (gain + 3.9 * error)
@@ -85,24 +84,26 @@ def test_closed_estimate_of_deep_lamps(name):
 def test_the_warning_names_the_share_and_the_remedy():
     once = mt.simulate(link_of(depth=3.0, reflected="kill"), FLAT, photons=2048, seed=1)
     with pytest.warns(DomainWarning, match=r"about [78] % .*estimator=.analog. follows it"):
-        warn_of_omitted(link_of(depth=3.0), once.gains)
+        outcome.warn_of_omitted(link_of(depth=3.0), once.gains)
 
 
 def test_nothing_returns_where_it_is_ended_or_not_scattered():
-    assert returned_gain(link_of(reflected="kill"))[0] == 0.0
-    assert returned_gain(link_of(b=0.0))[0] == 0.0
+    assert choice.returned_gain(link_of(reflected="kill"))[0] == 0.0
+    assert choice.returned_gain(link_of(b=0.0))[0] == 0.0
 
 
 def test_the_estimate_does_not_depend_on_the_unit_of_length():
     link, k = link_of(), 1e-2
     small = link_of(a=0.1 / k, b=0.5 / k, depth=10.0 * k, radius=k, height=5.0 * k)
-    np.testing.assert_allclose(returned_gain(small), returned_gain(link), rtol=1e-12)
+    np.testing.assert_allclose(choice.returned_gain(small), choice.returned_gain(link), rtol=1e-12)
 
 
 def test_water_between_layers_is_interpolated():
     link, sloped = link_of(a=0.15, b=0.75), ((0.0, 0.1, 0.5), (10.0, 0.2, 1.0))
     layered = link.replace(water=mt.Water(layers=sloped, phase=link.water.phase))
-    np.testing.assert_allclose(returned_gain(layered), returned_gain(link), rtol=1e-12)
+    np.testing.assert_allclose(
+        choice.returned_gain(layered), choice.returned_gain(link), rtol=1e-12
+    )
 
 
 def test_layers_of_one_water_are_that_water():
@@ -110,14 +111,16 @@ def test_layers_of_one_water_are_that_water():
     rows = tuple((z, 0.1, 0.5) for z in (0.0, 2.0, 20.0))
     water = mt.Water(layers=rows, phase=mt.HenyeyGreenstein(g=0.0))
     layered = link.replace(water=water)
-    np.testing.assert_allclose(returned_gain(layered), returned_gain(link), rtol=1e-12)
+    np.testing.assert_allclose(
+        choice.returned_gain(layered), choice.returned_gain(link), rtol=1e-12
+    )
 
 
 def test_rays_that_go_down_do_not_count():
     """Half of the light of an isotropic source: a finite estimate, less than that of a lamp."""
     receiver = mt.Receiver(height=1.0, fov_deg=179.0)
     around, upwards = (
-        returned_gain(mt.Link(transmitter=t, receiver=receiver))
+        choice.returned_gain(mt.Link(transmitter=t, receiver=receiver))
         for t in (mt.IsotropicSource(depth=5.0), mt.Led(depth=5.0))
     )
     assert 0.0 < around[0] < upwards[0]
@@ -146,7 +149,7 @@ def test_the_share_of_returned_light_is_at_most_all(monkeypatch):
     monkeypatch.setattr("meshtrace.engine.outcome.returned_gain", lambda link: np.array([1e-9]))
     for gain, percent in ((1e-129, "100"), (1e-9, "50"), (1e-7, "1")):
         with pytest.warns(mt.DomainWarning, match=f"about {percent} % of the light leaves"):
-            warn_of_omitted(mt.Link(), np.array([gain]))
+            outcome.warn_of_omitted(mt.Link(), np.array([gain]))
 
 
 TURBID = mt.Link(water=mt.Water(a=0.1, b=1.0))

@@ -8,7 +8,7 @@ from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
 from meshtrace import Vertex
-from meshtrace.engine.photons.analog import new_recorder, run_analog
+from meshtrace.engine.photons import analog
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.optics.fresnel import refract
 from meshtrace.surfaces import FlatSea, SinusoidalSea
@@ -69,8 +69,8 @@ def link_of(two_hits, **physics):
 
 def test_second_hit_is_where_geometry_puts_it(two_hits):
     _, first, second, *_ = two_hits
-    recorder = new_recorder(64, 16)
-    run_analog(
+    recorder = analog.new_recorder(64, 16)
+    analog.run_analog(
         link_of(two_hits),
         mt.EmbreeIntersector(valley(), 1),
         photons=64,

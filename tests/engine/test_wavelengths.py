@@ -6,18 +6,14 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy.stats import chi2
 
 import meshtrace as mt
-from meshtrace.engine.correlated import SpectralDetection, analog_sums
+from meshtrace.engine import correlated
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.photons.analog import run_analog
-from meshtrace.engine.photons.joined import JoinedPhotons
-from meshtrace.engine.setup.arrays import frame_of
-from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.photons import analog, joined
+from meshtrace.engine.setup import arrays, ends, meshing
 from meshtrace.engine.setup.options import resolve
 from meshtrace.engine.setup.tinting import common_paths, tinting
 from meshtrace.errors import Refused
-from meshtrace.results import load
-from meshtrace.results.tallies import standard_error
+from meshtrace.results import load, tallies
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 pytestmark = [
@@ -41,7 +37,9 @@ def links_of(waters, link=None):
 
 def mesh_of(link, sea):
     case = resolve(link, sea)
-    return mesh_for(case.link, case.surface, case.meshing, crossing_reach(case.link))[0]
+    return meshing.mesh_for(case.link, case.surface, case.meshing, ends.crossing_reach(case.link))[
+        0
+    ]
 
 
 def compare(found, direct, tests):
@@ -53,7 +51,7 @@ def compare(found, direct, tests):
 
 def forced(links, mesh, photons=4096, seed=1):
     sea = TypicalSea.of_meshes([mesh])
-    parts = SpectralDetection(links, photons, seed, sea=sea).at_wavelengths(mesh)
+    parts = correlated.SpectralDetection(links, photons, seed, sea=sea).at_wavelengths(mesh)
     return [(p.gain[0], p.stderr[0]) for p in parts]
 
 
@@ -78,7 +76,7 @@ def test_unscattered_light_has_no_noise():
     links = links_of(waters)
     for sea in SEAS.values():
         mesh = mesh_of(links[0], sea)
-        parts = SpectralDetection(links, 64, 1).at_wavelengths(mesh)
+        parts = correlated.SpectralDetection(links, 64, 1).at_wavelengths(mesh)
         direct = [ForcedDetection(link, 64, 1).evaluate(mesh) for link in links]
         found = [p.ballistic[0] / d.ballistic[0] for p, d in zip(parts, direct, strict=True)]
         assert found == pytest.approx(np.ones(3), abs=1e-5)
@@ -91,15 +89,17 @@ def test_joined_photons_bring_the_light_of_all_wavelengths(sea):
     links = links_of([{"a": 0.18, "b": 0.3}, {"a": 0.1, "b": 0.25, "phase": other},
                       {"a": 0.4, "b": 0.15}])  # fmt: skip
     mesh = mesh_of(links[1], SEAS[sea])
-    common = tinting(links[0], links, frame_of(links[0]))
-    parts = JoinedPhotons(links[0], 2**15, 1).at_wavelengths(mesh, common, links)
-    alone = [JoinedPhotons(link, 2**15, 9 + k).evaluate(mesh) for k, link in enumerate(links)]
+    common = tinting(links[0], links, arrays.frame_of(links[0]))
+    parts = joined.JoinedPhotons(links[0], 2**15, 1).at_wavelengths(mesh, common, links)
+    alone = [
+        joined.JoinedPhotons(link, 2**15, 9 + k).evaluate(mesh) for k, link in enumerate(links)
+    ]
     for part in (1, 2):  # scattered, and reflected first
         rows = [
             [(p.parts[part, 0], p.part_stderr[part, 0]) for p in found] for found in (parts, alone)
         ]
         compare(*rows, 12)
-    same = JoinedPhotons(links[0], 2**15, 1).evaluate(mesh)
+    same = joined.JoinedPhotons(links[0], 2**15, 1).evaluate(mesh)
     assert parts[0].groups == pytest.approx(same.groups, rel=1e-12)
     assert parts[0].orders == pytest.approx(same.orders, rel=1e-12)
 
@@ -111,7 +111,9 @@ def mean_of(runs):
 
 
 def analog_one_by_one(links, surface, n, seed=40):
-    return [run_analog(link, surface, photons=n, seed=seed + k) for k, link in enumerate(links)]
+    return [
+        analog.run_analog(link, surface, photons=n, seed=seed + k) for k, link in enumerate(links)
+    ]
 
 
 def rows_of(sums, n):
@@ -124,9 +126,9 @@ def rows_of(sums, n):
 def test_analog_photons_bring_the_light_of_all_wavelengths(water, sea):
     wide = mt.Link(receiver=mt.Receiver(radius=1.0, fov_deg=120.0))
     links = links_of(WATERS[water], wide)
-    mesh = mesh_for(links[1], SEAS[sea], mt.Meshing(spacing=0.2))[0]
+    mesh = meshing.mesh_for(links[1], SEAS[sea], mt.Meshing(spacing=0.2))[0]
     surface, n = mt.EmbreeIntersector(mesh, 1), 2**17
-    sums = analog_sums(links, surface, mt.Analog(), n, None, seed=1)
+    sums = correlated.analog_sums(links, surface, mt.Analog(), n, None, seed=1)
     compare(rows_of(sums, n), rows_of(analog_one_by_one(links, surface, n), n), 12)
 
 
@@ -145,9 +147,9 @@ def test_common_paths_agree_to_two_thousandths(water, sea, estimator):
         )
     else:  # a wide aperture, which most photons reach
         links, n = links_of(WATERS[water], mt.Link(receiver=mt.Receiver(radius=10.0))), 2**21
-        mesh = mesh_for(links[1], SEAS[sea], mt.Meshing(spacing=0.4))[0]
+        mesh = meshing.mesh_for(links[1], SEAS[sea], mt.Meshing(spacing=0.4))[0]
         surface = mt.EmbreeIntersector(mesh, 1)
-        found = rows_of(analog_sums(links, surface, mt.Analog(), n, None, seed=1), n)
+        found = rows_of(correlated.analog_sums(links, surface, mt.Analog(), n, None, seed=1), n)
         direct = rows_of(analog_one_by_one(links, surface, n), n)
     (gain, error), (other, its_error) = (np.transpose(rows) for rows in (found, direct))
     z = (gain - other) / np.hypot(error, its_error)
@@ -166,13 +168,15 @@ LAYERS = [
 def test_photons_in_layers():
     wide = mt.Link(receiver=mt.Receiver(radius=1.0, fov_deg=120.0))
     links = [wide.replace(water=mt.Water(layers=rows)) for rows in LAYERS]
-    mesh = mesh_for(links[0], SEAS["wavy"], mt.Meshing(spacing=0.2))[0]
+    mesh = meshing.mesh_for(links[0], SEAS["wavy"], mt.Meshing(spacing=0.2))[0]
     surface, n = mt.EmbreeIntersector(mesh, 1), 2**16
-    sums = analog_sums(links, surface, mt.Analog(), n, None, seed=1)
+    sums = correlated.analog_sums(links, surface, mt.Analog(), n, None, seed=1)
     compare(rows_of(sums, n), rows_of(analog_one_by_one(links, surface, n), n), 4)
-    common = tinting(links[0], links, frame_of(links[0]))
-    parts = JoinedPhotons(links[0], 2**14, 1).at_wavelengths(mesh, common, links)
-    alone = [JoinedPhotons(link, 2**14, 9 + k).evaluate(mesh) for k, link in enumerate(links)]
+    common = tinting(links[0], links, arrays.frame_of(links[0]))
+    parts = joined.JoinedPhotons(links[0], 2**14, 1).at_wavelengths(mesh, common, links)
+    alone = [
+        joined.JoinedPhotons(link, 2**14, 9 + k).evaluate(mesh) for k, link in enumerate(links)
+    ]
     compare(*([(p.parts[1, 0], p.part_stderr[1, 0]) for p in found] for found in (parts, alone)), 4)
 
 
@@ -201,13 +205,15 @@ def test_photons_below_bubbles():
     links = links_of(WATERS["coastal"], wide)
     mesh = mesh_of(links[0], SEAS["flat"])
     surface, n = mt.EmbreeIntersector(mesh, 1), 2**17
-    sums = analog_sums(links, surface, mt.Analog(), n, None, seed=1)
+    sums = correlated.analog_sums(links, surface, mt.Analog(), n, None, seed=1)
     compare(rows_of(sums, n), rows_of(analog_one_by_one(links, surface, n), n), 6)
     base = links[1]  # scatters most
-    common = tinting(base, links, frame_of(base))
+    common = tinting(base, links, arrays.frame_of(base))
     assert common.follows
-    parts = JoinedPhotons(base, 2**14, 1).at_wavelengths(mesh, common, links)
-    alone = [JoinedPhotons(link, 2**14, 9 + k).evaluate(mesh) for k, link in enumerate(links)]
+    parts = joined.JoinedPhotons(base, 2**14, 1).at_wavelengths(mesh, common, links)
+    alone = [
+        joined.JoinedPhotons(link, 2**14, 9 + k).evaluate(mesh) for k, link in enumerate(links)
+    ]
     compare(*([(p.parts[1, 0], p.part_stderr[1, 0]) for p in found] for found in (parts, alone)), 6)
 
 
@@ -223,7 +229,7 @@ def test_gains_follow_the_index_of_the_water():
     links = links_of(waters)
     mesh = mesh_of(links[1], SEAS["flat"])
     compare(forced(links, mesh), one_by_one(links, mesh), 3)
-    parts = SpectralDetection(links, 64, 1).at_wavelengths(mesh)
+    parts = correlated.SpectralDetection(links, 64, 1).at_wavelengths(mesh)
     for part, link in zip(parts, links, strict=True):
         direct = ForcedDetection(link, 64, 1).evaluate(mesh)
         assert part.ballistic == pytest.approx(direct.ballistic, rel=2e-4)
@@ -238,8 +244,10 @@ def test_photons_of_several_bases(sea):
     common = common_paths(links, 0, range(3))
     assert len(common.tinting.bases) > 1
     assert common.tinting.follows
-    parts = JoinedPhotons(links[0], 2**15, 1).at_wavelengths(mesh, common.tinting, links)
-    alone = [JoinedPhotons(link, 2**15, 9 + k).evaluate(mesh) for k, link in enumerate(links)]
+    parts = joined.JoinedPhotons(links[0], 2**15, 1).at_wavelengths(mesh, common.tinting, links)
+    alone = [
+        joined.JoinedPhotons(link, 2**15, 9 + k).evaluate(mesh) for k, link in enumerate(links)
+    ]
     for part in (1, 2):  # scattered, and reflected first
         rows = [
             [(p.parts[part, 0], p.part_stderr[part, 0]) for p in found] for found in (parts, alone)
@@ -255,7 +263,7 @@ def test_a_wavelength_far_from_the_base_has_its_paths():
     links = links_of([{"a": 0.1, "b": 1.2}, {"a": 0.1, "b": 1.15}, {"a": 0.5, "b": 0.15}])
     mesh = mesh_of(links[0], SEAS["flat"])
     sea = TypicalSea.of_meshes([mesh])
-    found = SpectralDetection(links, 8192, 1, sea=sea).at_wavelengths(mesh)
+    found = correlated.SpectralDetection(links, 8192, 1, sea=sea).at_wavelengths(mesh)
     alone = ForcedDetection(links[2], 8192, 7, sea=sea).evaluate(mesh)
     error = [(p.stderr / p.gain)[0] for p in found]
     assert error[2] < error[0]
@@ -328,17 +336,21 @@ def test_errors_of_a_far_wavelength_are_true():
     mesh = mesh_of(links[0], SEAS["wavy"])
     sea = TypicalSea.of_meshes([mesh])
     wide = links_of(far, mt.Link(receiver=mt.Receiver(radius=10.0)))
-    surface = mt.EmbreeIntersector(mesh_for(wide[1], SEAS["wavy"], mt.Meshing(spacing=0.4))[0], 1)
+    surface = mt.EmbreeIntersector(
+        meshing.mesh_for(wide[1], SEAS["wavy"], mt.Meshing(spacing=0.4))[0], 1
+    )
     common = common_paths(opaque, 0, range(2)).tinting
     rows = [[], [], []]
     for seed in range(64):
-        part = SpectralDetection(links, 1024, seed, sea=sea).at_wavelengths(mesh)[1]
+        part = correlated.SpectralDetection(links, 1024, seed, sea=sea).at_wavelengths(mesh)[1]
         rows[0].append((part.gain[0], part.stderr[0]))
-        found = JoinedPhotons(opaque[0], 2**13, seed).at_wavelengths(mesh, common, opaque)[1]
+        found = joined.JoinedPhotons(opaque[0], 2**13, seed).at_wavelengths(mesh, common, opaque)[1]
         rows[1].append((found.parts[1, 0], found.part_stderr[1, 0]))
-        sums = analog_sums(wide, surface, mt.Analog(), 2**13, None, seed=seed)[1]
+        sums = correlated.analog_sums(wide, surface, mt.Analog(), 2**13, None, seed=seed)[1]
         n = sums.photons
-        rows[2].append((sums.score[0] / n, standard_error(sums.score, sums.score_squared, n)[0]))
+        rows[2].append(
+            (sums.score[0] / n, tallies.standard_error(sums.score, sums.score_squared, n)[0])
+        )
     for runs in rows:
         assert sidak(ALPHA, 6) < scatter_of(runs) < 1.0 - sidak(ALPHA, 6)
 
@@ -364,3 +376,14 @@ def test_the_error_of_unscattered_light_is_that_of_one_wavelength(sea):
         gain, error = forced([link], mesh, 512)[0]
         assert together[0] == pytest.approx(gain, rel=1e-3)
         assert together[1] / together[0] < 3.0 * error / gain + 1e-4
+
+
+def test_water_that_does_not_scatter_has_gains_at_several_wavelengths(tmp_path):
+    """Once a ValueError: no orders of scattering to arrange."""
+    table = tmp_path / "clear.csv"
+    table.write_text("wavelength,a,b\n450,0.05,0\n500,0.06,0\n550,0.07,0\n")
+    link = mt.Link(water=mt.Water.from_file(table, 500.0))
+    several = mt.simulate(link, FlatSea(), wavelengths_nm=[450, 500, 550], photons=64)
+    for nm, result in zip((450, 500, 550), several.results, strict=True):
+        single = mt.simulate(link.at_wavelength(nm), FlatSea(), photons=64)
+        assert result.gain == pytest.approx(single.gain, rel=1e-4)

@@ -14,7 +14,7 @@ from scipy.special import jv
 import meshtrace as mt
 from meshtrace import fading
 from meshtrace.errors import Refused
-from meshtrace.fading.spectral import paraxial_lever
+from meshtrace.fading import spectral
 from meshtrace.surfaces import Elfouhaily, FlatSea, JonswapSea, SpectralSea, resolved_sea
 
 SEA = SpectralSea(
@@ -63,7 +63,7 @@ def test_scintillation_of_the_developed_sea(omega_max, tilts, row):
 
 def test_lever_and_slopes_of_the_bands():
     """The geometry, and k_max, slope variance and curvature up to each frequency."""
-    lever, expected = paraxial_lever(mt.Link()), REFERENCE["geometry"]
+    lever, expected = spectral.paraxial_lever(mt.Link()), REFERENCE["geometry"]
     assert lever.beta == pytest.approx(expected["beta_m"], rel=1e-5)
     assert lever.aperture == pytest.approx(expected["aperture_in_surface_m"], rel=1e-4)
     assert 0.05 / lever.aperture == pytest.approx(expected["magnification"], rel=1e-6)
@@ -134,7 +134,7 @@ def test_heights_of_crests_over_time():
     """Over long waves the covariance is int (beta k^2 + q)^2 S cos(omega tau) d(omega)."""
     link, sea = mt.Link(), JonswapSea(wind_speed=3.0, fetch=3e3, omega_max=3.5, mss="band")
     lags = np.array([0.0, 0.5, 1.2])
-    lever, slopes = paraxial_lever(link), sea.slope_spectrum(3.5)
+    lever, slopes = spectral.paraxial_lever(link), sea.slope_spectrum(3.5)
     for heights, q in ((False, 0.0), (True, lever.height)):
         share = (lever.beta * slopes.k + q / slopes.k) ** 2 * slopes.variance
         wanted = (share * np.cos(slopes.omega * lags[:, None])).sum(axis=1)

@@ -10,7 +10,7 @@ import xarray as xr
 import meshtrace as mt
 from meshtrace import apps, comms, daylight, optics, studies, surfaces, uav
 from meshtrace.comms import pulses
-from meshtrace.kernels.interface import Roughness
+from meshtrace.kernels import interface
 
 LINK, FLAT = mt.Link(), surfaces.FlatSea()
 SEA = surfaces.JonswapSea(wind_speed=5.0, seed=7, waves="paper")
@@ -175,7 +175,7 @@ SOUND = {
     "spread": 0.1, "coupled": False, "points_of": 8, "background": background, "data": None,
     "campaign": None, "seas": 2, "chains": 64, "most": 1, "sea": FLAT, "near": mesh,
     "scenario": lambda: mt.Scenario.from_toml(""), "provenance": lambda: result().provenance,
-    "cumulants": surfaces.GramCharlier().cumulants((0.02, 0.02)), "free": waves, "roughness": Roughness(0.1, 0.1, 1.0, 0.0), "sky": None, "levels": RISING,
+    "cumulants": surfaces.GramCharlier().cumulants((0.02, 0.02)), "free": waves, "roughness": interface.Roughness(0.1, 0.1, 1.0, 0.0), "sky": None, "levels": RISING,
     "obj": {}, "json_data": "{}", "dataset": lambda: result().to_dataset(), "h": 0.5, "v2": 25.0,
     "exact": lambda: mt.Uav().tilt_law(WIND), "compute": lambda: lambda: None,
     "approximation": lambda: mt.Uav().tilt_law(WIND, "gamma"), "error": None,

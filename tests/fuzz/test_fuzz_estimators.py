@@ -5,8 +5,8 @@ import pytest
 from mc_statistics import sidak, z_test
 
 import meshtrace as mt
+from meshtrace.engine.setup import meshing
 from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import resolve
 from meshtrace.surfaces import FlatSea, JonswapSea
 
@@ -63,7 +63,7 @@ def test_estimators_agree_on_random_links(seeds):
     found = {}
     for seed in seeds:
         case = resolve(*link_and_sea(np.random.default_rng(seed)))
-        mesh, _ = mesh_for(case.link, case.surface, reach=crossing_reach(case.link))
+        mesh, _ = meshing.mesh_for(case.link, case.surface, reach=crossing_reach(case.link))
         forced = mt.simulate(case.link, mesh, photons=5000, seed=1)
         analog = mt.simulate(case.link, mesh, "analog", photons=400_000, seed=2)
         sure = forced.gain_bound is None and analog.gain > 7.0 * analog.gain_stderr

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import meshtrace as mt
-from meshtrace.engine.setup.options import run_keys
+from meshtrace.engine.setup import options
 from meshtrace.errors import Refused
 from meshtrace.link import Aperture, Physics, Source
 from meshtrace.optics import HallNovarini, PhaseFunction, Water
@@ -89,7 +89,7 @@ documents = st.fixed_dictionaries(
         "transmitter": one_or_more(table(SOURCES)),
         "receiver": one_or_more(table(APERTURES)),
         "planes": table(["depths", "n_cosines", "n_azimuths"]),
-        "run": table(run_keys()),
+        "run": table(options.run_keys()),
     },
 )
 

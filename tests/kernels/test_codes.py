@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 import meshtrace
-from meshtrace.kernels.jit import kernel_files
+from meshtrace.kernels import jit
 
-KERNELS = [path for path in kernel_files() if path.stem != "bvh"]
+KERNELS = [path for path in jit.kernel_files() if path.stem != "bvh"]
 """Those of the intersectors know the mesh."""
 BESIDE = [path for path in KERNELS if path.parent.name != "kernels"]
 

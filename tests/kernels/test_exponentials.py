@@ -2,17 +2,16 @@
 
 import numpy as np
 
-from meshtrace.kernels.jit import allocating_entry
-from meshtrace.kernels.tints import exponentiate, factors_of
+from meshtrace.kernels import jit, tints
 
 
-@allocating_entry
+@jit.allocating_entry
 def replaced(factors):
-    exponentiate(factors.values, factors.powers, factors.bits)
+    tints.exponentiate(factors.values, factors.powers, factors.bits)
 
 
 def exponentials(x):
-    factors = factors_of(len(x))
+    factors = tints.factors_of(len(x))
     factors.values[:] = x
     replaced(factors)
     return factors.values

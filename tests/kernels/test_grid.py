@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.photons.analog import run_analog
-from meshtrace.engine.setup.arrays import NO_GRID, grid_arrays
-from meshtrace.kernels.jit import allocating_entry
-from meshtrace.kernels.rays import cell_of, grid_facet
-from meshtrace.kernels.vectors import Vec3
-from meshtrace.mesh import TriangleMesh
+from meshtrace import TriangleMesh
+from meshtrace.engine.photons import analog
+from meshtrace.engine.setup import arrays
+from meshtrace.kernels import jit, rays, vectors
 from meshtrace.surfaces import FlatSea, JonswapSea
 from meshtrace.surfaces.triangulate import triangulate
 
@@ -22,23 +20,23 @@ class Casting(mt.EmbreeIntersector):
     shortcut = False
 
 
-@allocating_entry
+@jit.allocating_entry
 def facets_of(grid, vertices, origins, directions, out):
     for i in range(len(out)):
-        p = Vec3(origins[i, 0], origins[i, 1], origins[i, 2])
-        d = Vec3(directions[i, 0], directions[i, 1], directions[i, 2])
-        out[i] = grid_facet(grid, vertices, p, d)
+        p = vectors.Vec3(origins[i, 0], origins[i, 1], origins[i, 2])
+        d = vectors.Vec3(directions[i, 0], directions[i, 1], directions[i, 2])
+        out[i] = rays.grid_facet(grid, vertices, p, d)
 
 
-@allocating_entry
+@jit.allocating_entry
 def cells_of(axis, x, out):
     for i in range(len(out)):
-        out[i] = cell_of(axis, x[i])
+        out[i] = rays.cell_of(axis, x[i])
 
 
 def found(mesh, origins, directions):
     out = np.empty(len(origins), np.int64)
-    facets_of(grid_arrays(mesh), mesh.vertices, origins, directions, out)
+    facets_of(arrays.grid_arrays(mesh), mesh.vertices, origins, directions, out)
     return out
 
 
@@ -112,12 +110,12 @@ def test_cells_are_those_of_a_search():
     lines = np.unique(mesh.vertices[:, 0])
     x = np.concatenate([np.random.default_rng(3).uniform(lines[0], lines[-1], 50_000), lines[1:-1]])
     out = np.empty(len(x), np.int64)
-    cells_of(grid_arrays(mesh).x, x, out)
+    cells_of(arrays.grid_arrays(mesh).x, x, out)
     # a coordinate within rounding of a line may belong to either side: `grid_facet` has margins
     differ = out != np.searchsorted(lines, x, side="right") - 1
     assert np.abs(x[differ, None] - lines).min(axis=1, initial=0.0).max(initial=0.0) < 1e-10
     outside = np.array([lines[0] - 1e-3, lines[-1] + 1e-3, np.nan, -np.inf, np.inf])
-    cells_of(grid_arrays(mesh).x, outside, out := np.empty(5, np.int64))
+    cells_of(arrays.grid_arrays(mesh).x, outside, out := np.empty(5, np.int64))
     assert (out == -1).all()
 
 
@@ -129,8 +127,10 @@ def test_other_meshes_have_no_grid():
     shifted = TriangleMesh(moved, mesh.faces, mesh.vertex_normals)
     single = TriangleMesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), np.array([[0, 1, 2]]))
     for other in (turned, fewer, shifted, single):
-        assert grid_arrays(other) is NO_GRID
-    assert len(grid_arrays(mesh).x.line) * len(grid_arrays(mesh).y.line) == len(mesh.vertices)
+        assert arrays.grid_arrays(other) is arrays.NO_GRID
+    assert len(arrays.grid_arrays(mesh).x.line) * len(arrays.grid_arrays(mesh).y.line) == len(
+        mesh.vertices
+    )
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ def test_other_meshes_have_no_grid():
 def test_results_are_the_same_bits_without_it(link):
     mesh = MESHES["even"]
     with_grid, without = (
-        run_analog(link, kind(mesh, 1), photons=20_000, seed=5)
+        analog.run_analog(link, kind(mesh, 1), photons=20_000, seed=5)
         for kind in (mt.EmbreeIntersector, Casting)
     )
     assert with_grid.score.sum() > 0.0
@@ -171,7 +171,7 @@ def test_grids_turned_by_half_a_circle_are_cast():
     """Their lines decrease: values outside the arrays were once read."""
     mesh = MESHES["even"]
     turned = TriangleMesh(mesh.vertices * (-1.0, -1.0, 1.0), mesh.faces)
-    assert grid_arrays(turned) is NO_GRID
+    assert arrays.grid_arrays(turned) is arrays.NO_GRID
     link = mt.Link(receiver=mt.Receiver(radius=2.0, fov_deg=120.0))
     runs = [
         mt.simulate(link, surface, "analog", photons=20_000, seed=3, threads=1)

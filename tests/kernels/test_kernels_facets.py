@@ -3,36 +3,23 @@
 import numpy as np
 import pytest
 
-from meshtrace.engine.setup.arrays import surface_arrays
-from meshtrace.kernels.interface import (
-    Roughness,
-    Triangles,
-    barycentrics,
-    barycentrics_of,
-    exposure,
-    interpolated_normal,
-    normal_on,
-    plane_distance,
-    slope_tilt,
-    tilted,
-)
-from meshtrace.kernels.jit import allocating_entry
-from meshtrace.kernels.vectors import Vec3, along, row, write
-from meshtrace.mesh import TriangleMesh
+from meshtrace import TriangleMesh
+from meshtrace.engine.setup import arrays
+from meshtrace.kernels import interface, jit, vectors
 from meshtrace.surfaces import JonswapSea
 
 
-@allocating_entry
+@jit.allocating_entry
 def points(origins, directions, facet, surface):
     """Return distance, u, v and interpolated normal of every ray on its facet."""
     out = np.empty((len(facet), 6))
     for i in range(len(facet)):
-        p, d = row(origins, i), row(directions, i)
-        t = plane_distance(p, d, facet[i], surface)
-        hit = along(p, d, t)
-        u, v = barycentrics(hit.x, hit.y, facet[i], surface)
+        p, d = vectors.row(origins, i), vectors.row(directions, i)
+        t = interface.plane_distance(p, d, facet[i], surface)
+        hit = vectors.along(p, d, t)
+        u, v = interface.barycentrics(hit.x, hit.y, facet[i], surface)
         out[i, 0], out[i, 1], out[i, 2] = t, u, v
-        write(out[i, 3:], interpolated_normal(u, v, facet[i], surface))
+        vectors.write(out[i, 3:], interface.interpolated_normal(u, v, facet[i], surface))
     return out
 
 
@@ -51,7 +38,7 @@ def on_facets(mesh, facet, weights, origins):
 
 
 def kernel_points(mesh, origins, directions, facet):
-    return points(origins, directions, facet, surface_arrays(mesh, "vertex"))
+    return points(origins, directions, facet, arrays.surface_arrays(mesh, "vertex"))
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -83,14 +70,14 @@ def test_corners_have_their_own_normal(mesh):
         np.testing.assert_allclose(out[:, 3:], expected, atol=1e-10)
 
 
-@allocating_entry
+@jit.allocating_entry
 def points_of(places, facet, surface):
     """Return u, v and interpolated normal of every place on its facet."""
     out = np.empty((len(facet), 5))
     for i in range(len(facet)):
-        p = row(places, i)
-        out[i, 0], out[i, 1] = barycentrics_of(p, facet[i], surface)
-        write(out[i, 2:], normal_on(p, facet[i], surface))
+        p = vectors.row(places, i)
+        out[i, 0], out[i, 1] = interface.barycentrics_of(p, facet[i], surface)
+        vectors.write(out[i, 2:], interface.normal_on(p, facet[i], surface))
     return out
 
 
@@ -109,7 +96,7 @@ def test_points_on_facets_of_any_orientation():
     assert 200 < soup.facing_down < 500
     weights = rng.dirichlet((1.0, 1.0, 1.0), n)
     places = np.einsum("ij,ijk->ik", weights, corners)
-    out = points_of(places, np.arange(n), surface_arrays(soup, "vertex"))
+    out = points_of(places, np.arange(n), arrays.surface_arrays(soup, "vertex"))
     for i in range(n):
         edges = (corners[i, 1:] - corners[i, 0]).T
         uv = np.linalg.lstsq(edges, places[i] - corners[i, 0], rcond=None)[0]
@@ -122,31 +109,33 @@ def test_points_on_facets_of_any_orientation():
 def test_ray_along_the_plane_is_infinitely_far():
     mesh = TriangleMesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
 
-    @allocating_entry
+    @jit.allocating_entry
     def distance(triangles):
-        return plane_distance(Vec3(0.0, 0.0, -1.0), Vec3(1.0, 0.0, 0.0), 0, triangles)
+        return interface.plane_distance(
+            vectors.Vec3(0.0, 0.0, -1.0), vectors.Vec3(1.0, 0.0, 0.0), 0, triangles
+        )
 
-    assert distance(Triangles(mesh.vertices, mesh.faces, mesh.face_normals)) == np.inf
+    assert distance(interface.Triangles(mesh.vertices, mesh.faces, mesh.face_normals)) == np.inf
 
 
-@allocating_entry
+@jit.allocating_entry
 def roughened(roughness, direction, normal, downwind, across):
     """Return slopes of the tilt, the tilted normal and its exposure, for each pair of numbers."""
     out = np.empty((len(downwind), 6))
-    d = Vec3(direction[0], direction[1], direction[2])
-    n = Vec3(normal[0], normal[1], normal[2])
+    d = vectors.Vec3(direction[0], direction[1], direction[2])
+    n = vectors.Vec3(normal[0], normal[1], normal[2])
     for i in range(len(downwind)):
-        tilt = slope_tilt(roughness, downwind[i], across[i])
+        tilt = interface.slope_tilt(roughness, downwind[i], across[i])
         out[i, 0], out[i, 1] = tilt.x, tilt.y
-        write(out[i, 2:5], tilted(n, tilt))
-        out[i, 5] = exposure(d, n, tilt)
+        vectors.write(out[i, 2:5], interface.tilted(n, tilt))
+        out[i, 5] = interface.exposure(d, n, tilt)
     return out
 
 
 def test_slopes_have_the_variances_along_and_across_the_wind():
     """The covariance of R (g1 s_along, g2 s_across) is R diag(s^2) R^T."""
     wind = np.radians(35.0)
-    roughness = Roughness(0.2, 0.1, np.cos(wind), np.sin(wind))
+    roughness = interface.Roughness(0.2, 0.1, np.cos(wind), np.sin(wind))
     up = np.array([0.0, 0.0, 1.0])
     unit = np.array([[1.0, 0.0], [0.0, 1.0]])
     slopes = roughened(roughness, up, up, *unit)[:, :2]
@@ -163,11 +152,11 @@ def test_tilted_normals_and_what_light_sees_of_them(dz):
     s = np.array([0.1, 0.25])
     normal = np.array([*-s, 1.0]) / np.sqrt(1.0 + s @ s)
     g = rng.standard_normal((2, 4000))
-    out = roughened(Roughness(0.2, 0.15, 1.0, 0.0), d, normal, *g)
+    out = roughened(interface.Roughness(0.2, 0.15, 1.0, 0.0), d, normal, *g)
     slopes = s + out[:, :2]
     up = np.column_stack([-slopes, np.ones(len(slopes))])
     np.testing.assert_allclose(out[:, 2:5], up / np.linalg.norm(up, axis=1)[:, None], atol=1e-14)
     seen = up @ d / (np.array([*-s, 1.0]) @ d)
     np.testing.assert_allclose(out[:, 5], np.clip(seen, 0.0, 2.0), atol=1e-12)
-    opposite = roughened(Roughness(0.2, 0.15, 1.0, 0.0), d, normal, *-g)
+    opposite = roughened(interface.Roughness(0.2, 0.15, 1.0, 0.0), d, normal, *-g)
     np.testing.assert_allclose(out[:, 5] + opposite[:, 5], 2.0, atol=1e-12)

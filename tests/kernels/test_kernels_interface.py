@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace.kernels import jit, vectors
 from meshtrace.kernels.interface import (
     Direction,
     Interface,
@@ -15,19 +16,17 @@ from meshtrace.kernels.interface import (
     refract,
     refract_as_printed,
 )
-from meshtrace.kernels.jit import allocating_entry, inlined
-from meshtrace.kernels.vectors import Vec3
 from meshtrace.optics import fresnel
 
 N = 1.33
 
 
-@inlined
+@jit.inlined
 def vector(a):
-    return Vec3(a[0], a[1], a[2])
+    return vectors.Vec3(a[0], a[1], a[2])
 
 
-@allocating_entry
+@jit.allocating_entry
 def _cross(d, n, cos_i, n1, n2):
     return refract(vector(d), vector(n), cos_i, n1, n2)
 
@@ -37,7 +36,7 @@ def cross(d, n, cos_i, n1, n2):
     return cos_t, *out
 
 
-@allocating_entry
+@jit.allocating_entry
 def rho(cos_i, cos_t, n1, n2):
     return reflectance(cos_i, cos_t, n1, n2)
 
@@ -46,7 +45,7 @@ def switches(snell, direction):
     return Interface(int(snell), int(direction), 0, True, True, 1.0, 0)
 
 
-@allocating_entry
+@jit.allocating_entry
 def _printed(d, n, cos_i, n1, n2, interface):
     return refract_as_printed(vector(d), vector(n), cos_i, n1, n2, interface)
 
@@ -56,7 +55,7 @@ def printed(d, n, cos_i, n1, n2, snell, direction):
     return cos_t, loss, *out
 
 
-@allocating_entry
+@jit.allocating_entry
 def _branches(d, n, g, n1, n2, interface):
     return branches(vector(d), vector(n), vector(g), n1, n2, interface)
 

@@ -7,11 +7,10 @@ import pytest
 from mc_statistics import ALPHA, chi2_test, sidak
 
 import meshtrace as mt
-from meshtrace.engine.setup.arrays import medium_arrays, with_raster
+from meshtrace.engine.setup import arrays
+from meshtrace.kernels import jit, vectors
 from meshtrace.kernels import medium as kernel
-from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.random import uniforms
-from meshtrace.kernels.vectors import Vec3
 from meshtrace.surfaces import FlatSea, SinusoidalSea
 
 LAYERS = ((0.0, 0.05, 0.3), (2.0, 0.05, 0.1), (2.5, 0.4, 0.8), (8.0, 0.2, 0.1))
@@ -19,7 +18,7 @@ LAYERED = mt.Water(layers=LAYERS)
 GRID_ERROR = 1e-3  # the layers are tabulated every 8 m / 2048
 
 
-@allocating_entry
+@jit.allocating_entry
 def look_up(table, positions):
     out = np.empty(len(positions))
     for i in range(len(positions)):
@@ -27,41 +26,41 @@ def look_up(table, positions):
     return out
 
 
-@allocating_entry
+@jit.allocating_entry
 def coefficients(medium, x, y, z):
     out = np.empty((len(z), 3))
     for i in range(len(z)):
         a, b = kernel.water_coefficients(medium, z[i])
         out[i, 0], out[i, 1] = a, b
-        out[i, 2] = kernel.bubble_scattering(medium, Vec3(x[i], y[i], z[i]))
+        out[i, 2] = kernel.bubble_scattering(medium, vectors.Vec3(x[i], y[i], z[i]))
     return out
 
 
-@allocating_entry
+@jit.allocating_entry
 def path(medium, z0, z1, length):
     return kernel.absorption_path(medium, z0, z1, length)
 
 
-@allocating_entry
+@jit.allocating_entry
 def elevations(medium, x, y):
     out = np.empty(len(x))
     for i in range(len(x)):
-        out[i] = kernel.local_elevation(medium, Vec3(x[i], y[i], 0.0))
+        out[i] = kernel.local_elevation(medium, vectors.Vec3(x[i], y[i], 0.0))
     return out
 
 
-@allocating_entry
+@jit.allocating_entry
 def free_path(medium, z, u):
-    return kernel.sample_free_path(medium, Vec3(0.0, 0.0, z), u)
+    return kernel.sample_free_path(medium, vectors.Vec3(0.0, 0.0, z), u)
 
 
-@allocating_entry
+@jit.allocating_entry
 def collisions(medium, z, n, seed):
     """Return s and weight after n tentative collisions at height z."""
     out = np.empty((n, 2))
     for i in range(n):
         u0, u1, _, _ = uniforms(seed, i, 1, 2)
-        s, w, _ = kernel.collide(medium, Vec3(0.3, 0.4, z), 1.0, u0, u1)
+        s, w, _ = kernel.collide(medium, vectors.Vec3(0.3, 0.4, z), 1.0, u0, u1)
         out[i, 0], out[i, 1] = s, w
     return out
 
@@ -69,7 +68,9 @@ def collisions(medium, z, n, seed):
 def medium_of(water=None, surface=None, extent=20.0, **link):
     link = mt.Link(water=water or mt.Water(), **link)
     mesh = (surface or FlatSea()).mesh(extent=extent, spacing=extent / 80)
-    return with_raster(medium_arrays(link, float(mesh.bounds[1, 2])), mt.EmbreeIntersector(mesh, 1))
+    return arrays.with_raster(
+        arrays.medium_arrays(link, float(mesh.bounds[1, 2])), mt.EmbreeIntersector(mesh, 1)
+    )
 
 
 def test_lookup_is_linear_interpolation():

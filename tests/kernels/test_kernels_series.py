@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 from mc_statistics import ALPHA, chi2_test, sidak, z_test
 
-from meshtrace.kernels.interface import (
-    Roughness,
-    drawn_tilt,
-    over_gaussian,
-    roughened,
-    slope_tilt,
-)
-from meshtrace.kernels.jit import allocating_entry
-from meshtrace.kernels.vectors import Vec3
+from meshtrace.kernels import interface, jit, vectors
 from meshtrace.surfaces import GramCharlier
 
 LAWS = {
@@ -27,38 +19,40 @@ N = 400_000
 WIND = 0.7
 
 
-@allocating_entry
+@jit.allocating_entry
 def tilts(u, roughness):
     """Return slopes along x and y, and two uniform numbers each."""
     out = np.empty((len(u), 2))
     for i in range(len(u)):
-        tilt = drawn_tilt(roughness, u[i, 0], u[i, 1])
+        tilt = interface.drawn_tilt(roughness, u[i, 0], u[i, 1])
         out[i, 0], out[i, 1] = tilt.x, tilt.y
     return out
 
 
-@allocating_entry
+@jit.allocating_entry
 def met_tilts(d, u, roughness):
     """Return slopes that light along d meets on a level mesh."""
-    out, up = np.empty((len(u), 2)), Vec3(0.0, 0.0, 1.0)
+    out, up = np.empty((len(u), 2)), vectors.Vec3(0.0, 0.0, 1.0)
     for i in range(len(u)):
-        n = roughened(Vec3(d[0], d[1], d[2]), up, u[i, 0], u[i, 1], u[i, 2], roughness)
+        n = interface.roughened(
+            vectors.Vec3(d[0], d[1], d[2]), up, u[i, 0], u[i, 1], u[i, 2], roughness
+        )
         out[i, 0], out[i, 1] = -n.x / n.z, -n.y / n.z
     return out
 
 
-@allocating_entry
+@jit.allocating_entry
 def turned(along, across, roughness):
     """Return the slopes along x and y of slopes in standard deviations."""
     out = np.empty((len(along), 2))
     for i in range(len(along)):
-        tilt = slope_tilt(roughness, along[i], across[i])
+        tilt = interface.slope_tilt(roughness, along[i], across[i])
         out[i, 0], out[i, 1] = tilt.x, tilt.y
     return out
 
 
 def rough(law):
-    return Roughness(0.2, 0.1, math.cos(WIND), math.sin(WIND), law.series)
+    return interface.Roughness(0.2, 0.1, math.cos(WIND), math.sin(WIND), law.series)
 
 
 def whitened(tilt, roughness):
@@ -78,7 +72,7 @@ def probabilities(roughness, seen=None):
     line = np.arange(-9.0, 9.0, 0.02) + 0.01
     a, c = (v.ravel() for v in np.meshgrid(line, line, indexing="ij"))
     mass = np.exp(-0.5 * (a * a + c * c)) / (2.0 * math.pi) * 0.02**2
-    mass *= over_gaussian.py_func(roughness.series, a, c)
+    mass *= interface.over_gaussian.py_func(roughness.series, a, c)
     if seen is not None:
         mass *= seen(turned(a, c, roughness))
     return np.histogram2d(a, c, [EDGES, EDGES], weights=mass)[0].ravel()

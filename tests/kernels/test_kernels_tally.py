@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.photons.analog import FixedPointSum
+from meshtrace.engine.photons import analog
 from meshtrace.engine.photons.flight import PHOTON
-from meshtrace.engine.setup.arrays import aperture_arrays, interface_arrays, medium_arrays
+from meshtrace.engine.setup import arrays
+from meshtrace.kernels import jit, vectors
 from meshtrace.kernels import tally as kernel
 from meshtrace.kernels.interface import FieldOfView, Interface
-from meshtrace.kernels.jit import allocating_entry
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.tints import ALONE, NO_TINTS, factors_of
-from meshtrace.kernels.vectors import UP, Vec3, row
+from meshtrace.kernels.vectors import row
 
 
 class Sea(NamedTuple):
@@ -29,7 +29,7 @@ class Sea(NamedTuple):
     tints: None
 
 
-@allocating_entry
+@jit.allocating_entry
 def distances(apertures, i, origins, directions, length, fov):
     out = np.empty(len(origins))
     for k in range(len(origins)):
@@ -38,27 +38,27 @@ def distances(apertures, i, origins, directions, length, fov):
     return out
 
 
-@allocating_entry
+@jit.allocating_entry
 def planes(tallies, origins, directions, length, weight, medium):
     for k in range(len(origins)):
         flight = kernel.Segment(row(origins, k), row(directions, k), length[k], weight, 0.0, 0.0)
         kernel.score_planes(tallies, 1, k, flight, medium)
 
 
-@allocating_entry
+@jit.allocating_entry
 def mapped(tallies, origins, directions, weight, medium):
     for k in range(len(origins)):
         flight = kernel.Segment(row(origins, k), row(directions, k), math.inf, weight[k], 0.0, 0.0)
         kernel.score_map(tallies, flight, medium, NO_TINTS, np.zeros(8))
 
 
-@allocating_entry
+@jit.allocating_entry
 def deposits(tallies, weights):
     for w in weights:
         kernel.deposit(tallies, kernel.Fate.LANDED.value, w)
 
 
-@allocating_entry
+@jit.allocating_entry
 def scored(world, photons, origins, directions, length, weight):
     hit = np.zeros(len(origins), np.bool_)
     for k in range(len(origins)):
@@ -71,12 +71,14 @@ def scores_in_water(link, tallies, medium, origins, *path):
     """Score paths on the apertures of a link, in the way of photons 0, 1, ..."""
     photons = np.zeros(len(origins), PHOTON)
     photons["id"] = np.arange(len(origins))
-    world = Sea(0, aperture_arrays(link), interface_arrays(link), tallies, medium, NO_TINTS)
+    world = Sea(
+        0, arrays.aperture_arrays(link), arrays.interface_arrays(link), tallies, medium, NO_TINTS
+    )
     return scored(world, photons, origins, *path)
 
 
 def absorbing(a):
-    return medium_arrays(mt.Link(water=mt.Water(a=a)))
+    return arrays.medium_arrays(mt.Link(water=mt.Water(a=a)))
 
 
 def tallies_of(
@@ -88,7 +90,7 @@ def tallies_of(
     cells=0,
     extent=1.0,
     arrivals=0,
-    axis=UP,
+    axis=vectors.UP,
     cos=1e-12,
 ):
     return kernel.Tallies(
@@ -104,7 +106,7 @@ def tallies_of(
             x=-extent,
             y=-extent,
             step=2.0 * extent / cells if cells else 1.0,
-            axis=Vec3(*axis),
+            axis=vectors.Vec3(*axis),
             cos=cos,
             mixture=ALONE._replace(shares=np.zeros((0, 2))),
             scale=np.array([1.0, 4.0]),
@@ -147,7 +149,7 @@ RECEIVERS = [
 @pytest.mark.parametrize("length", [4.0, math.inf])
 def test_disk_and_field_of_view(receiver, length, rng):
     n = 200_000
-    apertures = aperture_arrays(mt.Link(receiver=receiver))
+    apertures = arrays.aperture_arrays(mt.Link(receiver=receiver))
     origins = np.array(receiver.center) + rng.uniform(-4.0, 4.0, (n, 3))
     directions = random_directions(rng, n)
     got = distances(apertures, 0, origins, directions, length, FieldOfView.ANGLE)
@@ -168,7 +170,7 @@ def test_disk_and_field_of_view(receiver, length, rng):
 
 def test_receiver_looks_down_and_leans_towards_its_azimuth():
     """A line of sight that leans to +x takes light that travels to -x."""
-    apertures = aperture_arrays(mt.Link(receiver=mt.Receiver(tilt_deg=40.0, fov_deg=20.0)))
+    apertures = arrays.aperture_arrays(mt.Link(receiver=mt.Receiver(tilt_deg=40.0, fov_deg=20.0)))
     for zenith_deg, expected in ((-40.0, True), (40.0, False), (0.0, False), (-51.0, False)):
         zenith = math.radians(zenith_deg)
         d = np.array([[math.sin(zenith), 0.0, math.cos(zenith)]])
@@ -178,7 +180,7 @@ def test_receiver_looks_down_and_leans_towards_its_azimuth():
 
 @pytest.mark.parametrize("fov_deg", [20.0, 60.0, 179.0])
 def test_field_of_view_is_the_full_angle(fov_deg):
-    apertures = aperture_arrays(mt.Link(receiver=mt.Receiver(fov_deg=fov_deg)))
+    apertures = arrays.aperture_arrays(mt.Link(receiver=mt.Receiver(fov_deg=fov_deg)))
     for off, expected in ((-1e-6, True), (1e-6, False)):
         half = math.radians(fov_deg / 2.0) + off
         d = np.array([[math.sin(half), 0.0, math.cos(half)]])
@@ -187,7 +189,7 @@ def test_field_of_view_is_the_full_angle(fov_deg):
 
 
 def test_hemisphere_takes_light_that_grazes():
-    apertures = aperture_arrays(mt.Link(receiver=mt.Receiver(fov_deg=180.0, radius=1.0)))
+    apertures = arrays.aperture_arrays(mt.Link(receiver=mt.Receiver(fov_deg=180.0, radius=1.0)))
     d = np.array([[1.0, 0.0, 1e-9]])
     o = np.array([[0.0, 0.0, 5.0]]) - 2.0 * d
     assert distances(apertures, 0, o, d, math.inf, FieldOfView.ANGLE)[0] == pytest.approx(
@@ -196,7 +198,7 @@ def test_hemisphere_takes_light_that_grazes():
 
 
 def test_light_from_behind_and_short_paths_miss():
-    apertures = aperture_arrays(mt.Link())
+    apertures = arrays.aperture_arrays(mt.Link())
     o = np.array([[0.0, 0.0, 7.0], [0.0, 0.0, 4.0], [0.0, 0.0, 4.0]])
     d = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     assert (distances(apertures, 0, o, d, 0.99, FieldOfView.ANGLE) < 0.0).all()
@@ -205,7 +207,7 @@ def test_light_from_behind_and_short_paths_miss():
 
 def test_length_of_the_direction_does_not_matter_to_the_angle():
     """The printed direction is not a unit vector."""
-    apertures = aperture_arrays(mt.Link(receiver=mt.Receiver(fov_deg=40.0, radius=5.0)))
+    apertures = arrays.aperture_arrays(mt.Link(receiver=mt.Receiver(fov_deg=40.0, radius=5.0)))
     rng = np.random.default_rng(2)
     d = random_directions(rng, 5000) * (1, 1, 5)
     o = np.zeros((5000, 3))
@@ -219,7 +221,7 @@ def test_length_of_the_direction_does_not_matter_to_the_angle():
 def test_printed_field_of_view_tests_the_crossing():
     """E11: |x_p - x_rx| < r + (h - z_p) tan(fov / 2): a superset of the angle test."""
     receiver = mt.Receiver(height=5.0, radius=0.5, fov_deg=60.0)
-    apertures = aperture_arrays(mt.Link(receiver=receiver))
+    apertures = arrays.aperture_arrays(mt.Link(receiver=receiver))
     rng = np.random.default_rng(3)
     n = 100_000
     crossing = np.column_stack([rng.uniform(-5, 5, (n, 2)), rng.uniform(-0.5, 0.5, n)])
@@ -298,7 +300,7 @@ def test_layers_absorb_up_to_the_plane_and_to_the_disk():
     link = mt.Link(water=mt.Water(layers=layers), receiver=aperture)
     tallies = tallies_of(rows=1, scores=5, depths=(1.5,))
     o, up = np.array([[0.0, 0.0, -1.9]]), np.array([[0.0, 0.0, 1.0]])
-    medium = medium_arrays(link)
+    medium = arrays.medium_arrays(link)
     planes(tallies, o, up, np.array([1.8]), 1.0, medium)
     scores_in_water(link, tallies, medium, o, up, 1.8, 1.0)
     expected = math.exp(-0.5 * 0.4)
@@ -343,7 +345,7 @@ def test_ledger_rounds_to_half_a_unit_and_does_not_depend_on_order():
 
 
 def test_fixed_point_sum_neither_overflows_nor_rounds():
-    total = FixedPointSum((2,))
+    total = analog.FixedPointSum((2,))
     chunk = np.array([2**62 - 1, -(2**61) - 5], np.int64)
     for _ in range(1000):
         total.add(chunk)

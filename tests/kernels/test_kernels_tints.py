@@ -3,7 +3,7 @@
 import numpy as np
 from numba import typeof, types
 
-from meshtrace.kernels.jit import allocating_entry
+from meshtrace.kernels import jit
 from meshtrace.kernels.tints import (
     NO_TINTS,
     copy_tint,
@@ -14,7 +14,7 @@ from meshtrace.kernels.tints import (
 )
 
 
-@allocating_entry
+@jit.allocating_entry
 def all_steps(tints, sums, out):
     reset_tint(tints, sums)
     tint_way(tints, sums, -2.0, -1.0, 1.0)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from meshtrace.kernels.jit import allocating_entry
+from meshtrace.kernels import jit
 from meshtrace.kernels.vectors import (
     UP,
     Vec3,
@@ -28,7 +28,7 @@ from meshtrace.kernels.vectors import (
 )
 
 
-@allocating_entry
+@jit.allocating_entry
 def turned(d, s, u):
     out = np.empty((len(s), 3))
     for i in range(len(s)):
@@ -36,7 +36,7 @@ def turned(d, s, u):
     return out
 
 
-@allocating_entry
+@jit.allocating_entry
 def walk(d, s, u):
     """Return |d|^2 - 1 after many turns in a row."""
     for i in range(len(s)):
@@ -119,7 +119,7 @@ def test_length_does_not_drift():
     assert abs(walk(UP, rng.random(n) ** 4, rng.random(n))) < 1e-15
 
 
-@allocating_entry
+@jit.allocating_entry
 def algebra(a, b, c, s, t, out):
     p, q, r = row(a, 0), row(b, 0), row(c, 0)
     vectors = (

@@ -7,7 +7,6 @@ import pytest
 from numba import njit
 
 from meshtrace.kernels import jit
-from meshtrace.kernels.jit import Part, Whole
 
 
 @jit.outlined
@@ -73,9 +72,9 @@ def test_only_entry_points_are_optimised_and_emitted(kernel):
     compiled = kernel()
     result(compiled)
     (library,) = (o.library for o in compiled.overloads.values())
-    assert isinstance(library, Whole)
+    assert isinstance(library, jit.Whole)
     (part,) = (o.library for o in root.overloads.values())
-    assert isinstance(part, Part)
+    assert isinstance(part, jit.Part)
     assert part.get_pointer_to_function(part.name) == 0
 
 

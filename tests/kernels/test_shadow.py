@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.setup.arrays import locator, surface_arrays
+from meshtrace.engine.setup import arrays
 from meshtrace.engine.setup.ends import forced_link
-from meshtrace.kernels.jit import entry
-from meshtrace.kernels.rays import is_free
-from meshtrace.kernels.vectors import row
+from meshtrace.kernels import jit, rays, vectors
 from meshtrace.surfaces import SinusoidalSea
 
 
-@entry
+@jit.entry
 def _free(origins, directions, lengths, surface, grid, out):
     for i in range(len(lengths)):
-        out[i] = is_free(row(origins, i), row(directions, i), lengths[i], surface, grid)
+        out[i] = rays.is_free(
+            vectors.row(origins, i), vectors.row(directions, i), lengths[i], surface, grid
+        )
 
 
 def free(start, direction, length, surface, grid):
@@ -30,9 +30,9 @@ def free(start, direction, length, surface, grid):
 def steep():
     """Return a steep sea, its arrays and bins over a part of it."""
     mesh = SinusoidalSea(amplitude=0.3, wavelength=2.5, phase=0.4).mesh(0.0, 8.0, 0.25)
-    surface = surface_arrays(mesh, "vertex")
+    surface = arrays.surface_arrays(mesh, "vertex")
     target = forced_link(mt.Link()).targets[0]._replace(reach=2.0)
-    return mesh, surface, locator(surface, [target])
+    return mesh, surface, arrays.locator(surface, [target])
 
 
 def paths(n, box, seed):

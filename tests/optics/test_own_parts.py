@@ -5,7 +5,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.errors import Refused
-from meshtrace.optics.phase import sample_s
+from meshtrace.optics import phase
 from meshtrace.surfaces import FlatSea
 
 
@@ -60,7 +60,7 @@ def test_all_follows_from_the_density(own, known):
 @pytest.mark.parametrize(("own", "known"), TWINS)
 def test_kernels_sample_it(own, known):
     u = (np.arange(4000) + 0.5) / 4000
-    s = sample_s(own.tables(), u)
+    s = phase.sample_s(own.tables(), u)
     np.testing.assert_allclose(known._cdf_s(s), u, atol=2e-6)
 
 

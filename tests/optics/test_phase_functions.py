@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from meshtrace import models
 from meshtrace.errors import Refused
-from meshtrace.models import FamilyField
 from meshtrace.optics import (
     FournierForand,
     HenyeyGreenstein,
@@ -318,7 +318,7 @@ def test_mixture_weighs_its_components():
 
 @pytest.mark.parametrize("phase", ALL, ids=NAMES)
 def test_round_trip(phase):
-    adapter = pydantic.TypeAdapter(FamilyField[PhaseFunction])
+    adapter = pydantic.TypeAdapter(models.FamilyField[PhaseFunction])
     assert adapter.validate_python(phase.model_dump()) == phase
     assert adapter.validate_json(phase.model_dump_json()) == phase
     assert hash(adapter.validate_python(phase.model_dump())) == hash(phase)

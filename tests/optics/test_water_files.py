@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from meshtrace.errors import InputWarning, Refused
+from meshtrace import InputWarning
+from meshtrace.errors import Refused
 from meshtrace.optics import Constituents, SpectralTable, Water
 from meshtrace.optics.pure_water import pure_water_absorption, zhang_hu_he
 from meshtrace.optics.water_files import read_spectrum

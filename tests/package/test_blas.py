@@ -7,8 +7,8 @@ import pytest
 from threadpoolctl import OpenBLASController, ThreadpoolController
 
 import meshtrace as mt
-from meshtrace.mesh import TriangleMesh
-from meshtrace.parallel import one_blas_thread, ordered_map
+from meshtrace import TriangleMesh, parallel
+from meshtrace.parallel import ordered_map
 from meshtrace.surfaces import FlatSea, JonswapSea
 
 BLAS = ThreadpoolController().select(user_api="blas")
@@ -77,12 +77,12 @@ def test_the_last_of_several_works_lifts_the_limit(two_threads):
     inside, ended = threading.Event(), threading.Event()
 
     def long_work():
-        with one_blas_thread():
+        with parallel.one_blas_thread():
             inside.set()
             ended.wait()
 
     thread = threading.Thread(target=long_work, daemon=True)
-    with one_blas_thread():
+    with parallel.one_blas_thread():
         thread.start()
         inside.wait()
     assert threads_of_blas() == 1

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 import meshtrace as mt
-from meshtrace import checks, daylight, fading, optics, surfaces, uav
-from meshtrace.checks import Allowed, Infinite, Positive, Shape, check_call
-from meshtrace.errors import Refused, show
+from meshtrace import checks, daylight, errors, fading, optics, surfaces, uav
+from meshtrace.checks import Positive, check_call
+from meshtrace.errors import Refused
 from meshtrace.models import Floats
 
 
@@ -25,12 +25,12 @@ def call(
     n: Annotated[int, Field(ge=1, le=9)] = 1,
     word: Literal["left", "right"] = "left",
     gain: ArrayLike = 0.0,
-    rows: Annotated[Floats, Shape("n 3")] | None = None,
+    rows: Annotated[Floats, checks.Shape("n 3")] | None = None,
     ends: tuple[float, float] = (0.0, 1.0),
     either: float | Sequence[float] = 0.0,
     table: Mapping[str, tuple[float, float]] | None = None,
-    far: Annotated[float, Field(gt=0.0), Infinite()] = math.inf,
-    named: Annotated[float, Allowed("a rate of the sea")] = 0.0,
+    far: Annotated[float, Field(gt=0.0), checks.Infinite()] = math.inf,
+    named: Annotated[float, checks.Allowed("a rate of the sea")] = 0.0,
     link: mt.Link | None = None,
 ):
     """Return what arrives."""
@@ -161,4 +161,4 @@ def test_objects_that_cannot_be_pickled_go_to_other_processes_as_text():
 
 def test_keys_of_a_table_may_be_of_any_type():
     assert Refused("a", 1, "b").inside(None).field == "None.a"
-    assert show({}) == "{}"
+    assert errors.show({}) == "{}"

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
+from meshtrace import tables
 from meshtrace.errors import Refused
 from meshtrace.surfaces import MeasuredSea, SpectralSea, TabulatedSpectrum, from_wavespectra
-from meshtrace.tables import Column, read_columns
 
 FORMS = {
     "comma": "theta,vsf\n1,2\n10,0.5\n",
@@ -19,7 +19,7 @@ FORMS = {
 
 
 def values_of(file):
-    table = read_columns(file, (Column("theta", "deg"), Column("vsf", "1")))
+    table = tables.read_columns(file, (tables.Column("theta", "deg"), tables.Column("vsf", "1")))
     return np.column_stack([series.values for series in table.values()])
 
 

@@ -7,8 +7,8 @@ import sys
 import pytest
 
 from meshtrace import parallel
-from meshtrace.parallel import cores, default_threads
-from meshtrace.studies.cluster import Cluster
+from meshtrace.parallel import default_threads
+from meshtrace.studies import cluster
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def four(monkeypatch, tmp_path):
 
 
 def test_cores_are_those_of_the_affinity(four):
-    assert cores() == default_threads() == 4
+    assert parallel.cores() == default_threads() == 4
 
 
 @pytest.mark.parametrize(
@@ -30,23 +30,23 @@ def test_cores_are_those_of_the_affinity(four):
 )  # fmt: skip
 def test_a_quota_is_rounded_up(four, quota, n):
     four.write_text(quota)
-    assert cores() == n
+    assert parallel.cores() == n
 
 
 def test_systems_without_affinity_count_all_cores(four, monkeypatch):
     monkeypatch.delattr(os, "sched_getaffinity")
     monkeypatch.setattr(os, "cpu_count", lambda: None)
-    assert cores() == 1
+    assert parallel.cores() == 1
     monkeypatch.setattr(os, "cpu_count", lambda: 6)
-    assert cores() == 6
+    assert parallel.cores() == 6
 
 
 def test_a_study_has_as_many_processes_as_cores(four, monkeypatch):
     asked = []
     monkeypatch.setattr(
-        Cluster, "_beside", lambda self, setup, jobs, others: asked.append(others) or []
+        cluster.Cluster, "_beside", lambda self, setup, jobs, others: asked.append(others) or []
     )
-    list(Cluster().map(lambda: abs, range(10)))
+    list(cluster.Cluster().map(lambda: abs, range(10)))
     assert asked == [3]
 
 

@@ -8,8 +8,9 @@ import pytest
 from pydantic import BeforeValidator, SerializeAsAny
 
 import meshtrace as mt
+from meshtrace import models
 from meshtrace.errors import Refused
-from meshtrace.models import GROUP, Family, Model, modules_of, trusting
+from meshtrace.models import Family, Model, modules_of
 
 
 class Lens(Family, default="ball"):
@@ -68,7 +69,7 @@ def test_a_module_in_the_working_directory_is_found_with_trust_alone(tmp_path, m
         with pytest.raises(Refused, match=rf"would run {file}: a link file may, with --trust"):
             Tube(lens={"kind": "mine_only_here:Rod", "length": 3.0})
         assert "mine_only_here" not in sys.modules
-        with trusting():
+        with models.trusting():
             rod = Tube(lens={"kind": "mine_only_here:Rod", "length": 3.0}).lens
         assert Tube(lens={"kind": "mine_only_here:Rod", "length": 3.0}).lens == rod
         assert modules_of("kind = 'mine_only_here:Rod'") == ["mine_only_here"]
@@ -81,12 +82,12 @@ def test_a_module_in_the_working_directory_is_found_with_trust_alone(tmp_path, m
 
 
 def test_a_failure_of_an_import_is_told():
-    with trusting(), pytest.raises(Refused, match=r"^lens\.kind: .*No module named"):
+    with models.trusting(), pytest.raises(Refused, match=r"^lens\.kind: .*No module named"):
         Tube(lens="no_such_module:Lens")
 
 
 def test_an_entry_point_names_a_kind(monkeypatch):
-    found = [EntryPoint("plate", f"{__name__}:Plane", GROUP)]
+    found = [EntryPoint("plate", f"{__name__}:Plane", models.GROUP)]
     monkeypatch.setattr("meshtrace.models.entry_points", lambda group: found)
     assert Tube(lens="plate").lens == Plane()
 

@@ -9,7 +9,8 @@ import time
 
 import pytest
 
-from meshtrace.errors import Refused, require_writable
+from meshtrace import errors
+from meshtrace.errors import Refused
 from meshtrace.files import atomic
 
 SLOW_WRITER = """
@@ -95,10 +96,10 @@ def test_a_killed_writer_leaves_the_old_file_whole(tmp_path):
 
 def test_a_new_or_regular_file_may_be_written(tmp_path):
     (tmp_path / "old").write_bytes(b"")
-    require_writable(tmp_path / "old", inputs=[None, tmp_path / "none", tmp_path])
-    require_writable(tmp_path / "new")
+    errors.require_writable(tmp_path / "old", inputs=[None, tmp_path / "none", tmp_path])
+    errors.require_writable(tmp_path / "new")
     (tmp_path / "dangling").symlink_to(tmp_path / "new")
-    require_writable(tmp_path / "dangling")
+    errors.require_writable(tmp_path / "dangling")
 
 
 def _unwritable(folder):
@@ -123,7 +124,7 @@ def _unwritable(folder):
 def test_what_cannot_be_written_is_refused_in_one_line(tmp_path):
     for case, path in _unwritable(tmp_path).items():
         with pytest.raises(Refused) as caught:
-            require_writable(path, field="-o")
+            errors.require_writable(path, field="-o")
         assert str(caught.value).startswith("-o: "), case
         assert "allowed: a file in an existing folder" in str(caught.value), case
         assert "\n" not in str(caught.value), case
@@ -131,7 +132,7 @@ def test_what_cannot_be_written_is_refused_in_one_line(tmp_path):
 
 def test_another_output_is_refused_before_it_exists(tmp_path):
     with pytest.raises(Refused, match="other outputs"):
-        require_writable(tmp_path / "a.nc", inputs=[tmp_path / "none" / ".." / "a.nc"])
+        errors.require_writable(tmp_path / "a.nc", inputs=[tmp_path / "none" / ".." / "a.nc"])
 
 
 @pytest.mark.parametrize("make", [os.link, os.symlink])
@@ -139,7 +140,7 @@ def test_the_input_is_refused_under_any_name(tmp_path, make):
     (tmp_path / "link.toml").write_bytes(b"")
     make(tmp_path / "link.toml", tmp_path / "other")
     with pytest.raises(Refused, match="other than the input"):
-        require_writable(tmp_path / "other", inputs=[tmp_path / "link.toml"])
+        errors.require_writable(tmp_path / "other", inputs=[tmp_path / "link.toml"])
 
 
 def test_the_next_process_removes_what_a_killed_one_left(tmp_path):

@@ -13,8 +13,9 @@ import pandas as pd
 import pytest
 
 import meshtrace as mt
+from meshtrace import InputWarning
 from meshtrace.comms import Curve, SiPM
-from meshtrace.errors import InputWarning, Refused
+from meshtrace.errors import Refused
 from meshtrace.optics import Water
 from meshtrace.optics.water_files import read_spectrum
 from meshtrace.surfaces import TabulatedSpectrum, from_gauge, from_wavespectra, gauge_spectrum

@@ -10,9 +10,9 @@ import pytest
 import xarray as xr
 
 import meshtrace as mt
-from meshtrace import optics
+from meshtrace import InputWarning, optics
 from meshtrace.comms import Curve
-from meshtrace.errors import InputWarning, Refused
+from meshtrace.errors import Refused
 from meshtrace.surfaces import FlatSea, JonswapSea, TabulatedSpectrum
 
 MODELS = [mt.Link(), mt.Led(depth=3.0), mt.Water(), JonswapSea(wind_speed=7.0), FlatSea(), mt.Uav(),

@@ -9,13 +9,12 @@ import pytest
 import xarray as xr
 from scipy.io import netcdf_file
 
+from meshtrace import netcdf, units
 from meshtrace.errors import Refused
-from meshtrace.netcdf import convention_of, opened, require_size, valid_values
 from meshtrace.optics.water_files import read_spectrum
 from meshtrace.results import load
 from meshtrace.stored import read_dataset
 from meshtrace.surfaces import MeshSequence, from_wavespectra
-from meshtrace.units import unit_of
 
 
 def hollow(path, n, names=("efth", "z", "CHLA", "PRES", "gain"), chunk=10**6):
@@ -60,7 +59,7 @@ def test_one_number_of_a_giant_chunk(tmp_path):
     path = tmp_path / "chunk.nc"
     with h5py.File(path, "w") as file:
         file.create_dataset("a", (2 * 10**8,), "f8", chunks=(2 * 10**8,), compression="gzip")
-    with pytest.raises(Refused, match=r"chunk.nc: arrays of 1.6 GB in"), opened(path, None):
+    with pytest.raises(Refused, match=r"chunk.nc: arrays of 1.6 GB in"), netcdf.opened(path, None):
         pass
 
 
@@ -134,12 +133,12 @@ def test_compressed_arrays_are_read(tmp_path):
 )  # fmt: skip
 def test_bounds(stated, stored, most, match):
     with pytest.raises(Refused, match=f"file: {match}"):
-        require_size(stated, stored, "file", most)
+        netcdf.require_size(stated, stored, "file", most)
 
 
 @pytest.mark.parametrize(("stated", "stored"), [(2**26, 1), (10**12, 10**9), (0, 0)])
 def test_sizes_that_pass(stated, stored):
-    require_size(stated, stored, "file", None)
+    netcdf.require_size(stated, stored, "file", None)
 
 
 @pytest.mark.parametrize(
@@ -148,12 +147,12 @@ def test_sizes_that_pass(stated, stored):
      ({}, ""), ({"units": 5}, "5"), ({"units": np.str_("m")}, "m")],
 )  # fmt: skip
 def test_units(attributes, unit):
-    assert unit_of(xr.DataArray([1.0], attrs=attributes)) == unit
+    assert units.unit_of(xr.DataArray([1.0], attrs=attributes)) == unit
 
 
 def test_valid_ranges():
     for attributes in ({"valid_min": 0, "valid_max": 2}, {"valid_range": np.array([0, 2])}):
-        found = valid_values(xr.DataArray([-1, 0, 2, 3], attrs=attributes))
+        found = netcdf.valid_values(xr.DataArray([-1, 0, 2, 3], attrs=attributes))
         np.testing.assert_array_equal(found, [np.nan, 0.0, 2.0, np.nan])
 
 
@@ -165,7 +164,7 @@ def test_valid_ranges():
      ("cartesian: coming from, anticlockwise from the x axis", "cartesian from")],
 )  # fmt: skip
 def test_conventions(text, convention):
-    assert convention_of(xr.DataArray([0.0], attrs={"long_name": text}), {}) == convention
+    assert netcdf.convention_of(xr.DataArray([0.0], attrs={"long_name": text}), {}) == convention
 
 
 def zarr_spectrum(path, zarr_format=3, codec=None):

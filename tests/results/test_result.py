@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.results import Fate
+from meshtrace import stored
+from meshtrace.results import Fate, tallies
 from meshtrace.results.gain import FATE_MEANING, FateTally
-from meshtrace.results.tallies import standard_error
-from meshtrace.stored import FORMAT_VERSION, variables_of
 from meshtrace.surfaces import FlatSea
 
 FLAT = FlatSea().mesh(extent=80.0, spacing=40.0)
@@ -49,7 +48,10 @@ def assert_same(a, b):
     for name in ("arrivals", "planes", "map"):
         assert (getattr(a, name) is None) == (getattr(b, name) is None)
         if getattr(a, name) is not None:
-            one, other = variables_of(getattr(a, name)), variables_of(getattr(b, name))
+            one, other = (
+                stored.variables_of(getattr(a, name)),
+                stored.variables_of(getattr(b, name)),
+            )
             assert one.keys() == other.keys()
             for key, (dims, values) in one.items():
                 assert other[key][0] == dims
@@ -62,19 +64,19 @@ def assert_same(a, b):
 def test_standard_error_is_that_of_a_mean():
     x = np.random.default_rng(1).exponential(size=(5000, 3))
     expected = x.std(axis=0, ddof=1) / math.sqrt(len(x))
-    got = standard_error(x.sum(axis=0), (x**2).sum(axis=0), len(x))
+    got = tallies.standard_error(x.sum(axis=0), (x**2).sum(axis=0), len(x))
     np.testing.assert_allclose(got, expected, rtol=1e-10)
 
 
 def test_standard_error_of_hits_is_binomial():
     hits, n = 40, 10**6
     expected = math.sqrt(hits / n * (1 - hits / n) / (n - 1))
-    assert standard_error(np.array(hits), np.array(hits), n) == pytest.approx(expected)
+    assert tallies.standard_error(np.array(hits), np.array(hits), n) == pytest.approx(expected)
 
 
 def test_standard_error_of_equal_scores_is_zero_and_of_one_unknown():
-    assert standard_error(np.array(3.0), np.array(3.0), 3) == 0.0
-    assert np.isnan(standard_error(np.array(0.4), np.array(0.16), 1))
+    assert tallies.standard_error(np.array(3.0), np.array(3.0), 3) == 0.0
+    assert np.isnan(tallies.standard_error(np.array(0.4), np.array(0.16), 1))
 
 
 def test_standard_error_covers_the_truth():
@@ -126,7 +128,7 @@ def test_a_single_photon_and_an_empty_receiver_list_survive_the_file(tmp_path):
 
 def test_dataset_carries_fates_and_format(rich):
     ds = rich.to_dataset()
-    assert ds.attrs["format_version"] == FORMAT_VERSION
+    assert ds.attrs["format_version"] == stored.FORMAT_VERSION
     assert ds["fate"].attrs["flag_meanings"].split() == [f.name.lower() for f in Fate]
     assert ds["fate"].values.tolist() == [int(f) for f in Fate]
     assert int(ds["fate_photons"].sum()) == rich.photons
@@ -135,7 +137,7 @@ def test_dataset_carries_fates_and_format(rich):
 
 def test_other_formats_are_refused(rich):
     ds = rich.to_dataset()
-    for key, value in (("format_version", FORMAT_VERSION + 1), ("kind", "series")):
+    for key, value in (("format_version", stored.FORMAT_VERSION + 1), ("kind", "series")):
         other = ds.copy()
         other.attrs = {**ds.attrs, key: value}
         with pytest.raises(ValueError, match="format_version"):

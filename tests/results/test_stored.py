@@ -14,19 +14,14 @@ import pytest
 import xarray as xr
 
 import meshtrace as mt
+from meshtrace import errors, stored
 from meshtrace.apps import measured
-from meshtrace.errors import MISSING, Refused
+from meshtrace.errors import Refused
 from meshtrace.results import load
 from meshtrace.results.gain import bound_where_dark
 from meshtrace.results.provenance import _git_commit, environment
 from meshtrace.results.tallies import error_of_groups
-from meshtrace.stored import (
-    FORMAT_VERSION,
-    Columns,
-    Stored,
-    read_dataset,
-    write_dataset,
-)
+from meshtrace.stored import Stored, read_dataset, write_dataset
 from meshtrace.studies import ConvergenceStudy, fading_study
 from meshtrace.studies.refinement import Reference
 from meshtrace.surfaces import FlatSea, resolved_sea
@@ -144,7 +139,7 @@ def test_every_result_has_a_short_repr_a_text_and_a_table(results):
         assert len(repr(result)) < 200, name
         assert "environment" not in repr(result)
         assert str(result) == result.summary()
-        assert result.to_dataset().attrs["format_version"] == FORMAT_VERSION
+        assert result.to_dataset().attrs["format_version"] == stored.FORMAT_VERSION
         html = result._repr_html_()
         assert "xr-wrap" in html
         assert "environment" not in html
@@ -164,7 +159,7 @@ def test_other_kinds_and_versions_are_refused(results, tmp_path):
     with pytest.raises(Refused, match="coverage") as caught:
         mt.GainSeries.load(tmp_path / "a.nc")
     assert str(tmp_path / "a.nc") in str(caught.value)
-    versions = ({"format_version": FORMAT_VERSION + i} for i in (-1, 1))
+    versions = ({"format_version": stored.FORMAT_VERSION + i} for i in (-1, 1))
     for change in (*versions, {"kind": "sweep"}, {"kind": None}):
         data = results["coverage"].to_dataset().assign_attrs(change)
         data.attrs = {key: value for key, value in data.attrs.items() if value is not None}
@@ -377,14 +372,14 @@ class Point(NamedTuple):
 
 def test_rows_within_rows_are_columns_and_come_back():
     rows = [Point("a", Interval(1.0, 0.5), True), Point("b", Interval(2.0, 1.5), False)]
-    table = Columns(Point, "", "link")
+    table = stored.Columns(Point, "", "link")
     found = table.write(rows)
     assert {name: (dims, column.tolist()) for name, (dims, column) in found.items()} == {
         "link": (("link",), ["a", "b"]), "gain": (("link",), [1.0, 2.0]),
         "gain_low": (("link",), [0.5, 1.5]), "outage": (("link",), [1, 0]),
     }  # fmt: skip
     assert table.read(xr.Dataset(found), list) == rows
-    assert table.read(xr.Dataset(), list) is MISSING
+    assert table.read(xr.Dataset(), list) is errors.MISSING
 
 
 class Place(NamedTuple):
@@ -395,7 +390,7 @@ class Place(NamedTuple):
 
 def test_rows_of_two_dimensions_have_their_coordinates():
     rows = [Place(z, b, Interval(z + b, 0.0)) for z in (10.0, 20.0) for b in (1.0, 2.0, 3.0)]
-    table = Columns(Place, "", "depth", "bit_rate")
+    table = stored.Columns(Place, "", "depth", "bit_rate")
     data = xr.Dataset(table.write(rows))
     assert data["ber"].sel(depth=20.0, bit_rate=3.0) == 23.0
     assert data["depth"].dims == ("depth",)

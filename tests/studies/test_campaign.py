@@ -7,13 +7,13 @@ import pytest
 from mc_statistics import sidak, z_test
 
 import meshtrace as mt
-from meshtrace.engine.setup.ends import crossing_reach
+from meshtrace import fields
+from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.options import RunOptions, StudyOptions
 from meshtrace.errors import Refused
-from meshtrace.fields import entries
 from meshtrace.results.tallies import error_of_groups
+from meshtrace.studies import series
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.series import gain_series
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 
 SEA = JonswapSea(wind_speed=13.0, seed=3, waves="paper")
@@ -32,7 +32,7 @@ def test_gains_are_by_link_surface_receiver_and_shift():
     np.testing.assert_array_equal(gain.mean(axis=-1), alone.gain)
     np.testing.assert_array_equal(error_of_groups(gain, -1), alone.gain_stderr)
     assert error_of_groups(gain.mean(axis=0)) == alone.mean_stderr
-    first, second = (gain_series(campaign, steps, found, name) for name in LINKS)
+    first, second = (series.gain_series(campaign, steps, found, name) for name in LINKS)
     assert first.along == alone.along == "realization"
     np.testing.assert_array_equal(first.coordinate, steps.labels)
     np.testing.assert_array_equal(first.gain_ballistic, alone.gain_ballistic)
@@ -71,7 +71,7 @@ def test_common_mesh_covers_links_apart():
     for link in (mt.Link(), far):
         own = FlatSea().mesh(0.0, **campaign.lines([link], FlatSea()))
         x = np.array(link.origin)[0]
-        reach = crossing_reach(link)
+        reach = ends.crossing_reach(link)
         assert mesh.bounds[0, 0] <= x - reach
         assert mesh.bounds[1, 0] >= x + reach
         assert own.bounds[1, 0] >= x + reach
@@ -121,7 +121,7 @@ def test_other_functions_name_the_surface_alike(group):
 
 
 def test_every_option_of_a_run_is_documented():
-    assert StudyOptions.__annotations__.keys() <= entries(StudyOptions).keys()
+    assert StudyOptions.__annotations__.keys() <= fields.entries(StudyOptions).keys()
     assert RunOptions.__annotations__.keys() < StudyOptions.__annotations__.keys()
 
 

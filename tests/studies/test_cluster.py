@@ -13,7 +13,6 @@ import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.studies import cluster
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.cluster import Cluster
 
 distributed = pytest.importorskip("distributed")
 
@@ -82,7 +81,7 @@ def pid_of(job):
 @pytest.mark.parametrize(("workers", "jobs"), [(1, 4), (None, 4), (2, 1)])
 def test_little_work_is_done_in_this_process(workers, jobs, monkeypatch):
     monkeypatch.setattr(cluster, "_client", None)
-    found = dict(Cluster(workers).checked().map(lambda: pid_of, range(jobs)))
+    found = dict(cluster.Cluster(workers).checked().map(lambda: pid_of, range(jobs)))
     assert str(found.pop(1, "one")) == "one"
     assert found == dict.fromkeys(found, os.getpid())
     assert len(found) == max(jobs - 1, 1)
@@ -100,7 +99,7 @@ def test_other_processes_share_work_that_lasts(tmp_path):
             (tmp_path / "finished").touch()
         return os.getpid()
 
-    found = dict(Cluster(2).map(lambda: work, range(6)))
+    found = dict(cluster.Cluster(2).map(lambda: work, range(6)))
     assert sorted(found) == list(range(6))
     assert found[0] == first
     assert len(set(found.values())) == 2
@@ -109,7 +108,7 @@ def test_other_processes_share_work_that_lasts(tmp_path):
 @pytest.mark.process
 @pytest.mark.thorough
 def test_the_end_of_a_loop_ends_other_processes():
-    results = Cluster(2).map(lambda: lambda job: time.sleep(0.1), range(10_000))
+    results = cluster.Cluster(2).map(lambda: lambda job: time.sleep(0.1), range(10_000))
     next(results)
     results.close()
     assert not [t for t in threading.enumerate() if t.name == "workers"]
@@ -117,9 +116,9 @@ def test_the_end_of_a_loop_ends_other_processes():
 
 def test_one_worker_needs_no_dask(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    assert list(Cluster(1).checked().map(lambda: abs, [-2])) == [(0, 2)]
+    assert list(cluster.Cluster(1).checked().map(lambda: abs, [-2])) == [(0, 2)]
     with pytest.raises(Refused, match=r"workers: distributed is not installed.*meshtrace\[batch\]"):
-        Cluster(2).checked()
+        cluster.Cluster(2).checked()
 
 
 @pytest.mark.parametrize("name", ["ensemble", "optimize", "infer", "design", "coverage"])

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 import meshtrace as mt
 from meshtrace import cli
-from meshtrace.engine.chains.wave_sum import shape_at
-from meshtrace.kernels.jit import allocating_entry
+from meshtrace.engine.chains import wave_sum
+from meshtrace.kernels import jit
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.optics.fresnel import refract
 from meshtrace.scenario import Scenario
@@ -21,16 +21,10 @@ from meshtrace.studies import (
     ConvergenceStudy,
     band_limit_study,
     convergence_study,
+    refinement,
     time_step_study,
 )
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.refinement import (
-    CommonChains,
-    fit_law,
-    nested_mesh,
-    placement_shifts,
-    waves_at,
-)
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 
 LINK = mt.Link()
@@ -39,22 +33,22 @@ WAVE = SinusoidalSea(amplitude=0.06, wavelength=4.0, direction_deg=30.0, phase=3
 
 def common(link, sea, photons=256, normals="vertex", time=0.0):
     campaign = campaign_of(link, sea, run={"photons": photons, "mesh": mt.Meshing(time=time)})
-    return CommonChains(campaign, (normals,), 0)
+    return refinement.CommonChains(campaign, (normals,), 0)
 
 
 def exact(link, sea, photons=256, spacing=0.125, time=0.0):
     return common(link, sea, photons, time=time).exact(sea, spacing)
 
 
-@allocating_entry
+@jit.allocating_entry
 def shapes(waves, x, y):
-    return [shape_at(waves, x[i], y[i]) for i in range(len(x))]
+    return [wave_sum.shape_at(waves, x[i], y[i]) for i in range(len(x))]
 
 
 def test_shape_is_that_of_the_sea():
     sea = JonswapSea(wind_speed=13.0, seed=3, waves="paper")
     x, y = np.random.default_rng(1).uniform(-5.0, 5.0, (2, 20))
-    found = np.array(shapes(waves_at(sea, 2.5), x, y)).T
+    found = np.array(shapes(refinement.waves_at(sea, 2.5), x, y)).T
     expected = (
         sea.elevation(x, y, 2.5),
         *sea.slopes(x, y, 2.5),
@@ -130,7 +124,7 @@ def law(h, order, spread=0.0, noise=0.0, rng=None, shifts=32):
 @pytest.mark.parametrize("order", [1.0, 1.7, 2.0, 3.2])
 def test_fit_finds_a_power_law(order):
     h = np.array([2.0, 1.0, 0.5, 0.25])
-    fit = fit_law(h, law(h, order), 5.0)
+    fit = refinement.fit_law(h, law(h, order), 5.0)
     assert fit.order.value == pytest.approx(order, abs=0.005)
     assert fit.gain.value == pytest.approx(5.0, abs=1e-5)
     assert fit.coefficient == pytest.approx(0.02, rel=0.01)
@@ -142,7 +136,7 @@ def test_fitted_intervals_hold_the_truth():
     # 95 % intervals: fewer than 85 hits in 100 have a probability below 1e-4
     rng = np.random.default_rng(5)
     h = np.array([2.0, 1.0, 0.5, 0.25, 0.125, 0.0625])
-    fits = [fit_law(h, law(h, 2.0, 2e-3, 1e-3, rng), 5.0) for _ in range(100)]
+    fits = [refinement.fit_law(h, law(h, 2.0, 2e-3, 1e-3, rng), 5.0) for _ in range(100)]
     assert sum(fit.gain.low <= 5.0 <= fit.gain.high for fit in fits) >= 85
     assert sum(fit.order.low <= 2.0 <= fit.order.high for fit in fits) >= 85
 
@@ -156,7 +150,7 @@ def test_fitted_intervals_hold_the_truth_under_noise_of_placements():
     hits = np.zeros(2, int)
     for _ in range(100):
         noise = spread * rng.standard_normal(6)
-        fit = fit_law(h, law(h, 2.0) + noise[:, None], 5.0, spread)
+        fit = refinement.fit_law(h, law(h, 2.0) + noise[:, None], 5.0, spread)
         hits += [fit.gain.low <= 5.0 <= fit.gain.high, fit.order.low <= 2.0 <= fit.order.high]
     assert (hits >= 85).all()
 
@@ -165,7 +159,7 @@ def test_noise_is_not_taken_for_misfit():
     # a floor of noise at fine steps leaves the order as sure as the coarse steps make it
     h = np.array([2.0, 1.0, 0.5, 0.25, 0.125, 0.0625])
     rng = np.random.default_rng(7)
-    fit = fit_law(h, law(h, 2.0) + 1e-3 * rng.standard_normal((6, 32)), 5.0)
+    fit = refinement.fit_law(h, law(h, 2.0) + 1e-3 * rng.standard_normal((6, 32)), 5.0)
     assert fit.order.low <= 2.0 <= fit.order.high
     assert fit.order.high - fit.order.low < 0.2
 
@@ -173,7 +167,7 @@ def test_noise_is_not_taken_for_misfit():
 @pytest.mark.parametrize("n", [2, 13, 34])
 def test_placements_fill_a_cell_evenly(n):
     # two cells by two hold each placement of the triangles twice
-    shifts = placement_shifts(n)
+    shifts = refinement.placement_shifts(n)
     assert (abs(shifts) <= 0.5).all()
     along, across = shifts.sum(axis=1), shifts[:, 0] - shifts[:, 1]
     for axis in (along, across):
@@ -182,7 +176,8 @@ def test_placements_fill_a_cell_evenly(n):
 
 def test_shift_by_a_cell_along_both_axes_is_the_same_mesh():
     meshes = [
-        nested_mesh(LINK, WAVE, 0.0, 0.5, np.array(shift)) for shift in ((0.1, 0.2), (0.6, 0.7))
+        refinement.nested_mesh(LINK, WAVE, 0.0, 0.5, np.array(shift))
+        for shift in ((0.1, 0.2), (0.6, 0.7))
     ]
     chains = common(LINK, WAVE, 64)
     first, second = (chains.measure(lambda mesh=mesh: mesh)[0] for mesh in meshes)

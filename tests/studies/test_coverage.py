@@ -11,11 +11,10 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy import stats
 
 import meshtrace as mt
-from meshtrace.engine.chains.maps import unscattered_map
+from meshtrace.engine.chains import maps
+from meshtrace.engine.setup import meshing
 from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.results import CoverageMap
-from meshtrace.results.series import place_of_highest, relative_errors
+from meshtrace.results import CoverageMap, series
 from meshtrace.studies import coverage as room
 from meshtrace.surfaces import FlatSea, JonswapSea
 
@@ -40,7 +39,7 @@ def link_at(site, **fields):
 
 
 def mesh_of(link, sea):
-    return mesh_for(link, sea, reach=crossing_reach(link) + 0.5)[0]
+    return meshing.mesh_for(link, sea, reach=crossing_reach(link) + 0.5)[0]
 
 
 @pytest.mark.parametrize("site", SITES)
@@ -274,15 +273,15 @@ def test_noise_has_no_place():
 def test_the_place_of_the_highest_gain_is_that_above_the_lamp():
     link = mt.Link(transmitter=mt.Led(position=(0.8, -0.4)))
     found = mt.coverage_map(link, STILL, 1.4, 0.4, rtol=0.005, seed=1, threads=1)
-    place = place_of_highest(found.gain, found.gain_stderr)
+    place = series.place_of_highest(found.gain, found.gain_stderr)
     assert place is not None
     assert np.hypot(found.x[place[0]] - 0.8, found.y[place[1]] + 0.4) < 0.3
 
 
 def test_errors_of_dark_cells_are_relative_to_a_hundredth_of_the_highest_gain():
     gain, stderr = np.array([[1.0, 0.1], [0.001, 0.0]]), np.full((2, 2), 1e-3)
-    np.testing.assert_allclose(relative_errors(gain, stderr), [[0.001, 0.01], [0.1, 0.1]])
-    assert np.isinf(relative_errors(0.0 * gain, stderr)).all()
+    np.testing.assert_allclose(series.relative_errors(gain, stderr), [[0.001, 0.01], [0.1, 0.1]])
+    assert np.isinf(series.relative_errors(0.0 * gain, stderr)).all()
 
 
 @pytest.mark.parametrize("sea", [FlatSea(), JonswapSea(wind_speed=5.0, seed=1)])
@@ -298,7 +297,7 @@ def test_cells_of_unscattered_light_have_the_error_of_the_quadrature(sea):
     assert (coverage.gain_stderr > 0.0).all()
     assert (coverage.gain_stderr < 1e-3 * coverage.gain.max()).all()
     ends = tuple(link.receiver.replace(position=(x, y)) for x in (-2.0, 2.0) for y in (-2.0, 2.0))
-    mesh = mesh_for(link.replace(receiver=ends), sea, reach=math.inf)[0]
-    finer, _ = unscattered_map(link, mesh, grid, lengths=(0.25, 0.5))
+    mesh = meshing.mesh_for(link.replace(receiver=ends), sea, reach=math.inf)[0]
+    finer, _ = maps.unscattered_map(link, mesh, grid, lengths=(0.25, 0.5))
     z = (coverage.gain - finer[:, :, 0]) / coverage.gain_stderr
     assert np.abs(z).max() < 4.0

@@ -10,9 +10,9 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy import stats
 
 import meshtrace as mt
-from meshtrace.engine.cell_chains import FIRST, CellChains, TileSums, further
-from meshtrace.engine.photons.analog import run_analog
-from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine import cell_chains
+from meshtrace.engine.photons import analog
+from meshtrace.engine.setup import meshing
 from meshtrace.stored import SHIFTS
 from meshtrace.studies import coverage as room
 from meshtrace.surfaces import JonswapSea
@@ -35,9 +35,9 @@ HALF, STEP = 2.0, 0.25
 
 
 def chains_of(link, seed=1, step=STEP, extent=HALF, **options):
-    mesh, _ = mesh_for(link, SEA, reach=np.inf)
+    mesh, _ = meshing.mesh_for(link, SEA, reach=np.inf)
     grid = mt.IrradianceMap(height=link.receivers[0].height, extent=extent, step=step)
-    return CellChains(link, [mesh], grid, seed, **options)
+    return cell_chains.CellChains(link, [mesh], grid, seed, **options)
 
 
 @pytest.mark.thorough
@@ -46,10 +46,10 @@ def chains_of(link, seed=1, step=STEP, extent=HALF, **options):
 def test_tiles_have_the_scattered_light_of_photons(name):
     """Chi-square over the tiles; cells of a tile are added up with errors that add, too."""
     link = LINKS[name]
-    mesh, _ = mesh_for(link, SEA, reach=np.inf)
+    mesh, _ = meshing.mesh_for(link, SEA, reach=np.inf)
     grid = mt.IrradianceMap(height=5.0, extent=HALF, step=STEP)
     chains = chains_of(link)
-    found = run_analog(
+    found = analog.run_analog(
         link,
         mt.EmbreeIntersector(mesh, 1),
         photons=6_000_000,
@@ -121,14 +121,14 @@ def test_a_store_keeps_the_chains_of_tiles(tmp_path):
     options = {"extent": 2.0, "step": 0.1, "seed": 3, "threads": 1, "photons": 2**15}
     store = tmp_path / "map.store"
     mt.coverage_map(mt.Link(), SEA, rtol=0.02, store=store, **options)
-    calls, sums = [], CellChains.sums
+    calls, sums = [], cell_chains.CellChains.sums
 
     def counted(self, *inputs):
         calls.append(inputs)
         return sums(self, *inputs)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(CellChains, "sums", counted)
+        patch.setattr(cell_chains.CellChains, "sums", counted)
         kept = mt.coverage_map(mt.Link(), SEA, rtol=0.01, store=store, **options)
     fresh = mt.coverage_map(mt.Link(), SEA, rtol=0.01, **options)
     np.testing.assert_array_equal(kept.gain, fresh.gain)
@@ -166,7 +166,7 @@ def test_light_that_is_reflected_first_counts(reflected):
 def test_chains_that_miss_light_are_not_trusted():
     """A third of the light of a region, which photons show."""
     chains = chains_of(mt.Link(), extent=1.0)
-    found = [chains.sums(0, k, FIRST, 0) for k in range(len(chains.tiles))]
+    found = [chains.sums(0, k, cell_chains.FIRST, 0) for k in range(len(chains.tiles))]
     gain, stderr = chains.scattered(found)
     assert chains.agree(found, gain, stderr)
     gain[: len(gain) // chains.n] *= 1.5
@@ -187,12 +187,12 @@ def test_tiles_cover_every_cell_once():
 
 def test_sums_of_two_sets_weigh_by_their_chains():
     rng = np.random.default_rng(1)
-    one, two = (TileSums(n, rng.random((SHIFTS, 3)), rng.random(3)) for n in (100, 300))
+    one, two = (cell_chains.TileSums(n, rng.random((SHIFTS, 3)), rng.random(3)) for n in (100, 300))
     both = one + two
     assert both.chains == 400
     np.testing.assert_allclose(both.mean, 0.25 * one.mean + 0.75 * two.mean)
     np.testing.assert_allclose(both.square, one.square / 16.0 + two.square * 9.0 / 16.0)
-    back = TileSums.of_row(both.to_row())
+    back = cell_chains.TileSums.of_row(both.to_row())
     np.testing.assert_array_equal(back.gain, both.gain)
     np.testing.assert_array_equal(back.square, both.square)
-    assert further([one, two], np.array([0.9, 3.0])) == {1: 780}
+    assert cell_chains.further([one, two], np.array([0.9, 3.0])) == {1: 780}

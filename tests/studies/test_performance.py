@@ -18,12 +18,8 @@ from meshtrace.comms.budget import required_gain
 from meshtrace.comms.capacity import capacity
 from meshtrace.results import GainSeries, impulse_response
 from meshtrace.scenario import Scenario
-from meshtrace.studies import LinkPerformance
-from meshtrace.studies.operating_point import (
-    FadingSamples,
-    ber_of_samples,
-    outage_of_samples,
-)
+from meshtrace.studies import LinkPerformance, operating_point
+from meshtrace.studies.operating_point import FadingSamples
 from meshtrace.surfaces import FlatSea, JonswapSea, sea_in_wind
 from meshtrace.uav import TiltFactors, h_alpha
 
@@ -264,8 +260,8 @@ def test_bands_cover_the_truth(chain_error):
         level = TiltFactors(np.ones(1), np.ones(1))
         fades = FadingSamples(synthetic(gains, chain_error * gains.mean()), level, float(n))
         quantile = float(ndtri(0.975))
-        ber = ber_of_samples(ook, fades, quantile, 0.95, trial)
-        outage = outage_of_samples(ook, fades, 1e-3, quantile, 0.95)
+        ber = operating_point.ber_of_samples(ook, fades, quantile, 0.95, trial)
+        outage = operating_point.outage_of_samples(ook, fades, 1e-3, quantile, 0.95)
         covered += ber.low <= truth <= ber.high, outage.low <= missed <= outage.high
     # 0.95 of 100 lies above 0.85 but for a probability of 1e-4
     assert np.all(covered / 100 >= 0.85)

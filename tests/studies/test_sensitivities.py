@@ -11,13 +11,13 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy.stats import chi2
 
 import meshtrace as mt
-from meshtrace.engine.chains.sets import ChainDrawer
-from meshtrace.engine.correlated import FrozenForced
+from meshtrace.engine import correlated
+from meshtrace.engine.chains import sets
 from meshtrace.kernels.random import realization_seed
 from meshtrace.stored import SHIFTS
-from meshtrace.studies import Variant
+from meshtrace.studies import Variant, neighbours
 from meshtrace.studies.keys import parameters
-from meshtrace.studies.neighbours import WINDOWS, error_of, resolving_window, without_each
+from meshtrace.studies.neighbours import error_of, without_each
 from meshtrace.surfaces import Band, FlatSea, JonswapSea
 
 REFERENCE = json.loads(
@@ -100,7 +100,7 @@ def test_moments_agree_with_differences():
     link, step = mt.Link(), 1e-2
     found = elasticities(link, keys=("a", "b"), photons=4096)
     mesh = FlatSea().mesh(extent=8.0)
-    frozen = FrozenForced(link, 4096, 1)
+    frozen = correlated.FrozenForced(link, 4096, 1)
     for key, tolerance in (("a", 2e-4), ("b", 1e-3)):
         base = {"a": link.water.a, "b": link.water.b}[key]
         low, high = (
@@ -129,7 +129,7 @@ def test_a_discontinuity_missed_by_a_small_step_is_suspicious(monkeypatch):
         drawer.link = link
         return drawer
 
-    monkeypatch.setattr(ChainDrawer, "of_link", unstretched)
+    monkeypatch.setattr(sets.ChainDrawer, "of_link", unstretched)
     found = elasticities(mt.Link(), keys=("d",), step=1e-4, seed=SEED)
     assert found.table[0].suspicious
     assert "over the longer step" in found.table[0].notes
@@ -164,7 +164,7 @@ def test_field_of_view_from_angles_of_arrival():
     link = mt.Link().replace("transmitter.depth", 40.0).replace("receiver.fov_deg", 20.0)
     angle = elasticities(link, keys=("fov",)).table[0]
     assert angle.method == "angle"
-    frozen, mesh = FrozenForced(link, 8192, 1), FlatSea().mesh(extent=30.0, spacing=0.2)
+    frozen, mesh = correlated.FrozenForced(link, 8192, 1), FlatSea().mesh(extent=30.0, spacing=0.2)
     sides = [frozen.gains(link.replace("receiver.fov_deg", 20.0 * math.exp(s)), mesh)[0]
              for s in (-0.1, 0.1)]  # fmt: skip
     means = [np.log([g.mean() for g in without_each(side[None, :])]) for side in sides]
@@ -232,12 +232,12 @@ def test_light_at_the_edge_of_a_view_is_resolved(case):
 
 def test_a_density_that_no_window_resolves_is_suspicious():
     """All light within 1 % of the edge: every window doubles the one of twice its width."""
-    found = np.zeros((1, 3, len(WINDOWS), SHIFTS))
-    found[0, 0] = (1.0 / WINDOWS)[:, None] * (1.0 + 1e-3 * np.arange(SHIFTS))
+    found = np.zeros((1, 3, len(neighbours.WINDOWS), SHIFTS))
+    found[0, 0] = (1.0 / neighbours.WINDOWS)[:, None] * (1.0 + 1e-3 * np.arange(SHIFTS))
     found[0, 1:] = 1e3
-    assert resolving_window(found) == (len(WINDOWS) - 1, False)
+    assert neighbours.resolving_window(found) == (len(neighbours.WINDOWS) - 1, False)
     found[0, 0] = 1.0 + 1e-3 * np.arange(SHIFTS)
-    assert resolving_window(found) == (0, True)
+    assert neighbours.resolving_window(found) == (0, True)
 
 
 VIEWS = [(2.0, None), (2.0, 5.0), (10.0, 5.0)]
@@ -451,7 +451,7 @@ TWIN = {
 def test_photons_one_by_one_have_the_same_elasticities(key):
     name, low, high = TWIN[key]
     link, sea = mt.Link().replace("receiver.radius", 0.25), FlatSea()
-    frozen, mesh = FrozenForced(link, 8192, 1), sea.mesh(extent=8.0)
+    frozen, mesh = correlated.FrozenForced(link, 8192, 1), sea.mesh(extent=8.0)
     shifts, logs, errors = [], [], []
     for i, value in enumerate((low, high)):
         there = link.replace(name, value)

@@ -10,8 +10,7 @@ from typer.testing import CliRunner
 import meshtrace as mt
 from meshtrace.cli import app
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.setup import ends, meshing
 from meshtrace.results import CoverageMap, GainSeries
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, resolved_sea
 
@@ -22,9 +21,9 @@ TIMES = (0.0, 0.7, 1.9, 2.0, 6.5)
 
 
 def meshes(link, sea, times):
-    reach = crossing_reach(link)
+    reach = ends.crossing_reach(link)
     still = OPTIONS["mesh"]
-    return [mesh_for(link, sea, still.replace(time=t), reach)[0] for t in times]
+    return [meshing.mesh_for(link, sea, still.replace(time=t), reach)[0] for t in times]
 
 
 @pytest.fixture(scope="module")

@@ -20,9 +20,8 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.errors import Refused
-from meshtrace.studies import fading_study
+from meshtrace.studies import fading_study, sweeps
 from meshtrace.studies.store import Kept, Store, _line, is_store, locked
-from meshtrace.studies.sweeps import read_store
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea, resolved_sea
 
 LINK = mt.Link()
@@ -482,7 +481,7 @@ def test_items_of_a_sweep_of_another_shape_are_refused(tmp_path, monkeypatch):
     run = partial(mt.sweep, {"wind_speed": 5.0}, {"transmitter.depth": [5.0, 10.0]}, photons=32,
                   rtol=None, store=path)  # fmt: skip
     run()
-    for read in (run, partial(read_store, path)):
+    for read in (run, partial(sweeps.read_store, path)):
         with pytest.raises(
             Refused, match=r"^store: '.*a.store': an item of shape \(1, 1\), allowed"
         ):

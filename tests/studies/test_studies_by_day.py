@@ -10,7 +10,8 @@ import meshtrace as mt
 from meshtrace.comms.background import with_background
 from meshtrace.errors import Refused
 from meshtrace.scenario.parts import daylight_recipe
-from meshtrace.studies.background import Lights, background_over_seas, error_rate, mean_sea
+from meshtrace.studies import background
+from meshtrace.studies.background import Lights, background_over_seas, mean_sea
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.surfaces import FlatSea, SinusoidalSea, sea_in_wind
 
@@ -146,7 +147,7 @@ def test_the_error_of_an_error_rate_is_that_of_gain_light_and_seas():
     ook = ook.replace("window", ook.averaging_window)  # no search at each rate of background
     seen = mt.background(link, FlatSea(), DAY, photons=256)
     gain, error = np.array([4e-6]), 1e-7
-    value, stderr = error_rate(ook, gain, error, seen)
+    value, stderr = background.error_rate(ook, gain, error, seen)
     rng = np.random.default_rng(3)
 
     def drawn():
@@ -157,8 +158,8 @@ def test_the_error_of_an_error_rate_is_that_of_gain_light_and_seas():
     many = np.array([drawn() for _ in range(400)])
     assert value == pytest.approx(many.mean(), rel=0.05)
     assert stderr == pytest.approx(many.std(), rel=0.15)  # 3.5 % of noise, and curvature
-    mean, spread = error_rate(ook, np.array([4e-6, 5e-6]), 0.0, None)
-    two = [error_rate(ook, np.array([g]), 0.0, None)[0] for g in (4e-6, 5e-6)]
+    mean, spread = background.error_rate(ook, np.array([4e-6, 5e-6]), 0.0, None)
+    two = [background.error_rate(ook, np.array([g]), 0.0, None)[0] for g in (4e-6, 5e-6)]
     assert mean == pytest.approx(np.mean(two))
     assert spread == pytest.approx(np.std(two, ddof=1) / math.sqrt(2.0))
 

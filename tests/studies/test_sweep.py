@@ -16,9 +16,9 @@ import meshtrace as mt
 from meshtrace import cli
 from meshtrace.errors import Refused
 from meshtrace.scenario import Scenario
-from meshtrace.studies import sweep, sweep_file
+from meshtrace.studies import sweep, sweep_file, sweeps
 from meshtrace.studies.cluster import Cluster
-from meshtrace.studies.sweeps import BLOCK, Sweep, Task, read_store, read_study
+from meshtrace.studies.sweeps import Sweep, Task, read_study
 from meshtrace.surfaces import FlatSea, JonswapSea, MeshSequence, SinusoidalSea
 
 dask = pytest.importorskip("dask")
@@ -51,10 +51,12 @@ def study(parameters, **options):
 
 
 def test_tasks_cover_all_points_and_realizations():
-    asked = study({"wind_speed": [5.0, 13.0], "water.b": [0.1, 0.2, 0.3]}, realizations=BLOCK + 3)
+    asked = study(
+        {"wind_speed": [5.0, 13.0], "water.b": [0.1, 0.2, 0.3]}, realizations=sweeps.BLOCK + 3
+    )
     tasks = list(asked.tasks())
     assert len(set(tasks)) == len(tasks) == 2 * 3 * 2
-    hits = np.zeros((2, 3, BLOCK + 3), int)
+    hits = np.zeros((2, 3, sweeps.BLOCK + 3), int)
     for task in tasks:
         hits[task.region] += 1
     assert (hits == 1).all()
@@ -209,7 +211,7 @@ def test_task_lost_with_its_worker_is_reported_and_stays_to_be_done(address, tmp
     lost, other = data["error"].values[:, 0]
     assert lost == "RuntimeError: its worker died"
     assert other == ""
-    assert np.isnan(read_store(store)["gain"].values[:, 0]).tolist() == [True, False]
+    assert np.isnan(sweeps.read_store(store)["gain"].values[:, 0]).tolist() == [True, False]
     again = run(parameters, address, store=store)  # by the next call
     assert (again["error"] == "").all()
     assert again["seconds"].values[1] == data["seconds"].values[1]
@@ -422,7 +424,7 @@ def test_a_point_has_the_gains_of_all_wavelengths(address, tmp_path):
         np.testing.assert_array_equal(found["gain"][i, 0], there["gain"][:, 0])
     again = run({"transmitter.depth": [5.0, 8.0]}, "tcp://127.0.0.1:1", **options)
     assert again.equals(found)
-    assert again.equals(read_store(tmp_path / "sweep.store"))
+    assert again.equals(sweeps.read_store(tmp_path / "sweep.store"))
     with pytest.raises(Refused, match="no wavelength among the parameters"):
         run({"transmitter.wavelength_nm": [450.0]}, address, **options)
 

@@ -17,7 +17,6 @@ import pytest
 import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.studies import cluster, sweep
-from meshtrace.studies.cluster import Cluster, _checked, _environment, _portable_job
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -103,12 +102,12 @@ def test_foreign_worker_is_refused(scheduler, worker_of, foreign, tmp_path):
 
 
 def test_late_worker_describes_itself_instead_of_computing():
-    run, here = _portable_job(), _environment()
+    run, here = cluster._portable_job(), cluster._environment()
     setup = cloudpickle.dumps(lambda: abs)
-    assert _checked(run(-2, setup=setup, expected=here)) == 2
+    assert cluster._checked(run(-2, setup=setup, expected=here)) == 2
     other = run(-2, setup=setup, expected={**here, "numpy": "1.0"})
     with pytest.raises(Refused, match="worker: a worker that came late: "):
-        _checked({**other, "numpy": "1.0"})
+        cluster._checked({**other, "numpy": "1.0"})
 
 
 def test_cluster_without_workers_is_refused_in_time(scheduler):
@@ -139,7 +138,7 @@ def test_a_stopped_scheduler_ends_the_study(scheduler, worker_of, monkeypatch):
     process, address = scheduler
     worker_of(address)
     monkeypatch.setattr(cluster, "_SILENCE", 1.0)
-    found = Cluster(address).map(slow_jobs(), range(1000))
+    found = cluster.Cluster(address).map(slow_jobs(), range(1000))
     for _ in range(3):
         next(found)
     process.send_signal(signal.SIGSTOP)
@@ -154,7 +153,7 @@ def test_jobs_of_a_stopped_worker_are_done_by_others(tmp_path):
     """Within the time after which dask gives up a worker without a sign of life."""
     file, done = tmp_path / "stopped", {}
     with dask.config.set({"distributed.scheduler.worker-ttl": "2s"}):
-        for i, pid in Cluster(3).map(slow_jobs(file), range(300)):
+        for i, pid in cluster.Cluster(3).map(slow_jobs(file), range(300)):
             done[i] = pid
             if pid != os.getpid() and not file.exists():
                 os.kill(pid, signal.SIGSTOP)

@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 
 from meshtrace import cli
 from meshtrace.scenario import Scenario
-from meshtrace.studies import sweep
-from meshtrace.studies.sweeps import Sweep, read_store
+from meshtrace.studies import sweep, sweeps
+from meshtrace.studies.sweeps import Sweep
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.process
@@ -48,7 +48,7 @@ def finished(store):
     """Which points of a store are done; none where it is not made yet."""
     if not store.exists():
         return np.zeros((12, 2, 1), bool)
-    return np.isfinite(read_store(store)["gain"].values)
+    return np.isfinite(sweeps.read_store(store)["gain"].values)
 
 
 def wait_for(store, points, alive):
@@ -82,7 +82,7 @@ def test_killed_client_loses_nothing(expected, tmp_path):
         client.wait()
     done = finished(store)
     assert 4 <= done.sum() < done.size
-    seconds = read_store(store)["seconds"].values
+    seconds = sweeps.read_store(store)["seconds"].values
     data = sweep(LINK, PARAMETERS, store=store, workers=1, **OPTIONS)
     np.testing.assert_array_equal(data["gain"].values, expected)
     np.testing.assert_array_equal(data["seconds"].values[done], seconds[done])  # not run again
@@ -188,4 +188,4 @@ def test_interrupted_command_goes_on(expected, tmp_path):
     again = CliRunner().invoke(cli.app, command[3:])
     assert again.exit_code == 0, again.output
     assert finished(store).all()
-    np.testing.assert_array_equal(read_store(store)["gain"].values, expected)
+    np.testing.assert_array_equal(sweeps.read_store(store)["gain"].values, expected)

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from meshtrace.surfaces import Jonswap, JonswapSea, OchiHubble, Spectrum, Torsethaugen
-from meshtrace.surfaces.spectra import LONGEST_SWELL
+from meshtrace.surfaces import Jonswap, JonswapSea, OchiHubble, Spectrum, Torsethaugen, spectra
 
 
 def variance(spectrum):
@@ -61,7 +60,7 @@ def test_torsethaugen_at_the_border_of_wind_sea_and_swell():
         35.0 * (2 * math.pi * 2.0 / (9.81 * separation**2)) ** 0.857
     )
     # far beyond, six tenths of the height is swell
-    swell, wind_sea = Torsethaugen(hs=2.0, tp=LONGEST_SWELL).peaks
+    swell, wind_sea = Torsethaugen(hs=2.0, tp=spectra.LONGEST_SWELL).peaks
     assert swell.hs == pytest.approx(2.0 * (0.6 + 0.4 * math.exp(-1 / 0.09)))
     assert wind_sea.tp == pytest.approx(6.6 * wind_sea.hs ** (1.0 / 3.0))
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.setup.arrays import surface_arrays
+from meshtrace.engine.setup import arrays
 from meshtrace.errors import Refused
-from meshtrace.kernels.interface import GAUSSIAN, over_gaussian
+from meshtrace.kernels import interface
 from meshtrace.surfaces import GramCharlier, JonswapSea, MeasuredSea, SumSea, sea_from_config
 from meshtrace.surfaces.statistics import cox_munk
 
@@ -54,7 +54,7 @@ def test_the_density_is_positive_and_keeps_all_moments(law):
     line = np.arange(-9.0, 9.0, 0.02)
     xi, eta = np.meshgrid(line, line, indexing="ij")
     mass = np.exp(-0.5 * (xi**2 + eta**2)) / (2.0 * math.pi) * 0.02**2
-    over = over_gaussian.py_func(law.series, -eta, xi)
+    over = interface.over_gaussian.py_func(law.series, -eta, xi)
     assert over.min() >= 0.0
     np.testing.assert_allclose(moments(over, xi, eta, mass), wanted(law), atol=1e-4)
     series = formula(law, xi, eta)
@@ -84,7 +84,7 @@ def test_random_slopes_have_the_cumulants_of_the_sea():
         assert left.cumulants.across4 == pytest.approx(law.c40 * whole[1] ** 2)
     mesh = sea.mesh(extent=4.0, spacing=0.2)
     a, c = mesh.unresolved.vertex
-    series = surface_arrays(mesh, "vertex", "tilt").roughness.series
+    series = arrays.surface_arrays(mesh, "vertex", "tilt").roughness.series
     part = {
         "c03": law.c03 * (whole[0] / a) ** 1.5,
         "c21": law.c21 * (whole[0] / a) ** 0.5 * whole[1] / c,
@@ -93,7 +93,7 @@ def test_random_slopes_have_the_cumulants_of_the_sea():
         "c40": law.c40 * (whole[1] / c) ** 2,
     }
     np.testing.assert_allclose(series, GramCharlier(**part).series, rtol=1e-9)
-    assert surface_arrays(mesh, "vertex", "none").roughness.series == GAUSSIAN
+    assert arrays.surface_arrays(mesh, "vertex", "none").roughness.series == interface.GAUSSIAN
 
 
 def test_gaussian_waves_and_skewed_slopes_add_to_the_series_of_the_sea():
@@ -108,10 +108,10 @@ def test_gaussian_waves_and_skewed_slopes_add_to_the_series_of_the_sea():
         along, across = np.meshgrid(-eta - share**0.5 * x, xi - share**0.5 * x, indexing="ij")
         along, across = along / rest, across / rest
         gauss = np.exp(-0.5 * (along**2 + across**2)) / (2.0 * math.pi * rest**2)
-        p = gauss * over_gaussian.py_func(part.series, along, across)
+        p = gauss * interface.over_gaussian.py_func(part.series, along, across)
         found = (np.outer(w, w) / (2.0 * math.pi) * p).sum()
         whole = math.exp(-0.5 * (xi**2 + eta**2)) / (2.0 * math.pi)
-        whole *= over_gaussian.py_func(law.series, -eta, xi)
+        whole *= interface.over_gaussian.py_func(law.series, -eta, xi)
         assert found == pytest.approx(whole, rel=1e-5)
 
 
@@ -153,7 +153,7 @@ def test_refusals(made):
 
 
 def test_without_coefficients_slopes_are_gaussian_bit_for_bit():
-    assert GramCharlier().series == GAUSSIAN
+    assert GramCharlier().series == interface.GAUSSIAN
     sea = JonswapSea(wind_speed=8.0, seed=2)
     plain, zero = (
         mt.simulate(mt.Link(), s, photons=256, seed=1).gain

@@ -14,10 +14,10 @@ from meshtrace.surfaces import (
     MeasuredSea,
     SpectralSea,
     Tma,
+    bands,
     nonlinear,
     sea_from_config,
 )
-from meshtrace.surfaces.bands import PAPER_BANDS
 from meshtrace.surfaces.nonlinear import interaction_kernels
 from meshtrace.surfaces.statistics import components_hs
 
@@ -277,7 +277,7 @@ def test_round_trips():
             lambda: (
                 JonswapSea(
                     order=2,
-                    waves=PAPER_BANDS[5.0].replace(d_omega=0.01),
+                    waves=bands.PAPER_BANDS[5.0].replace(d_omega=0.01),
                     omega_max=6.0,
                     order_omega_max=6.0,
                 ).components

@@ -5,15 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meshtrace.surfaces.waves import (
-    CAPILLARY_WAVENUMBER,
-    GRAVITY,
-    KINEMATIC_TENSION,
-    angular_frequency,
-    group_speed,
-    phase_speed,
-    wavenumber,
-)
+from meshtrace.surfaces import waves
+from meshtrace.surfaces.waves import angular_frequency, group_speed, phase_speed, wavenumber
 
 modest = settings(max_examples=60, deadline=None, derandomize=True)
 depths = st.one_of(st.none(), st.floats(0.05, 5000.0))
@@ -21,7 +14,7 @@ depths = st.one_of(st.none(), st.floats(0.05, 5000.0))
 
 def test_deep_water_is_the_closed_form():
     omega = np.array([0.0, 0.3, 1.2, 4.0, 60.0])
-    np.testing.assert_array_equal(wavenumber(omega), omega**2 / GRAVITY)
+    np.testing.assert_array_equal(wavenumber(omega), omega**2 / waves.GRAVITY)
     np.testing.assert_allclose(angular_frequency(wavenumber(omega)), omega, rtol=1e-15)
 
 
@@ -36,7 +29,7 @@ def test_wavenumber_inverts_angular_frequency(omega, depth, capillary):
 @modest
 def test_finite_depth_satisfies_the_dispersion_relation(omega, depth):
     k = float(wavenumber(omega, depth))
-    assert GRAVITY * k * math.tanh(k * depth) == pytest.approx(omega**2, rel=1e-13)
+    assert waves.GRAVITY * k * math.tanh(k * depth) == pytest.approx(omega**2, rel=1e-13)
 
 
 def test_wavenumber_keeps_the_shape_and_the_zero():
@@ -48,8 +41,8 @@ def test_wavenumber_keeps_the_shape_and_the_zero():
 
 
 def test_shallow_water_speed_is_sqrt_gd():
-    assert phase_speed(1e-5, depth=2.0) == pytest.approx(math.sqrt(GRAVITY * 2.0), rel=1e-9)
-    assert group_speed(1e-5, depth=2.0) == pytest.approx(math.sqrt(GRAVITY * 2.0), rel=1e-9)
+    assert phase_speed(1e-5, depth=2.0) == pytest.approx(math.sqrt(waves.GRAVITY * 2.0), rel=1e-9)
+    assert group_speed(1e-5, depth=2.0) == pytest.approx(math.sqrt(waves.GRAVITY * 2.0), rel=1e-9)
 
 
 def test_slowest_wave_is_23_cm_per_s_at_17_mm():
@@ -59,8 +52,10 @@ def test_slowest_wave_is_23_cm_per_s_at_17_mm():
     assert speed[slowest] == pytest.approx(0.23, abs=1e-3)
     assert wavelength[slowest] == pytest.approx(0.017, abs=2e-4)
     # Closed form: c_min = (4 g T)^(1/4), where group and phase speed agree.
-    assert speed[slowest] == pytest.approx((4 * GRAVITY * KINEMATIC_TENSION) ** 0.25, rel=1e-8)
-    k_m = CAPILLARY_WAVENUMBER
+    assert speed[slowest] == pytest.approx(
+        (4 * waves.GRAVITY * waves.KINEMATIC_TENSION) ** 0.25, rel=1e-8
+    )
+    k_m = waves.CAPILLARY_WAVENUMBER
     assert group_speed(k_m, capillary=True) == pytest.approx(
         float(phase_speed(k_m, capillary=True)), rel=1e-14
     )

@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from meshtrace.surfaces import JonswapSea, from_trimesh
-from meshtrace.surfaces.triangulate import grid_faces
+from meshtrace.surfaces import JonswapSea, from_trimesh, triangulate
 
 
 def flat_grid(n=5, extent=2.0):
     axis = np.linspace(-extent, extent, n)
     x, y = np.meshgrid(axis, axis, indexing="ij")
     vertices = np.stack([x, y, 0.1 * np.sin(x + 0.5 * y)], axis=-1).reshape(-1, 3)
-    return vertices, np.array(grid_faces(n, n))
+    return vertices, np.array(triangulate.grid_faces(n, n))
 
 
 def ribbon(turns, rise, steps=48):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from leaning import LeaningWave
 
+from meshtrace import TriangleMesh
 from meshtrace.errors import Refused
-from meshtrace.mesh import TriangleMesh, vertex_normals
+from meshtrace.mesh import vertex_normals
 from meshtrace.surfaces import SinusoidalSea, from_trimesh, sea_from_config
 
 WAVE = LeaningWave(amplitude=0.3, wavelength=4.0, lean=0.9)

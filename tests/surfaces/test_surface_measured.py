@@ -6,8 +6,13 @@ import wavespectra
 import xarray as xr
 
 import meshtrace as mt
-from meshtrace.surfaces import Elfouhaily, MeasuredSea, from_wavespectra, sea_from_config
-from meshtrace.surfaces.directional import TAIL_OMEGA_MAX
+from meshtrace.surfaces import (
+    Elfouhaily,
+    MeasuredSea,
+    directional,
+    from_wavespectra,
+    sea_from_config,
+)
 from meshtrace.surfaces.statistics import components_hs, components_slope_variance, cox_munk
 
 SHORT = pytest.mark.filterwarnings("ignore:source. the spectrum ends:meshtrace.DomainWarning")
@@ -167,7 +172,7 @@ def test_tail_meets_the_record_and_then_the_spectrum():
     # at the last frequency of the record the tail starts from its density
     last = float(dataset().efth.isel(time=0, site=0, freq=-1).sum() * 10.0 / (2.0 * math.pi))
     assert density[0] == pytest.approx(last, rel=0.35)
-    assert omega.max() < TAIL_OMEGA_MAX
+    assert omega.max() < directional.TAIL_OMEGA_MAX
     # waves from 200 deg run towards 20 deg east of north
     theta = np.array(sea.theta)
     row = variance[-1]

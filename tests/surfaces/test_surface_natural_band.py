@@ -14,9 +14,9 @@ from meshtrace.surfaces import (
     JonswapSea,
     SpectralSea,
     Tma,
+    bands,
     sea_from_config,
 )
-from meshtrace.surfaces.bands import PAPER_BANDS
 from meshtrace.surfaces.statistics import components_slope_variance, mean_square_slope
 
 LIMITS = {"omega_min": 1.0, "omega_max": 3.0, "d_theta": 0.2}
@@ -170,7 +170,7 @@ def wave_7(sea):
             ("0x1.3b021101d49cbp-10", "0x1.004a380de9b38p+0", "0x1.62cff90f0efa7p-2"),
         ),
         (
-            {"waves": PAPER_BANDS[5.0].replace(d_theta=0.3), "seed": 0, "omega_max": 6.0},
+            {"waves": bands.PAPER_BANDS[5.0].replace(d_theta=0.3), "seed": 0, "omega_max": 6.0},
             275,
             ("0x1.b23a65dfa5392p-10", "0x1.3333333333333p+0", "0x1.255914bd568efp+2"),
         ),

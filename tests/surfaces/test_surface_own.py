@@ -14,8 +14,8 @@ import pytest
 from own_waves import Box, Isotropic, RingWave
 
 import meshtrace as mt
+from meshtrace import SurfaceModel
 from meshtrace.errors import Refused
-from meshtrace.mesh import SurfaceModel
 from meshtrace.results import GainResult
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import (

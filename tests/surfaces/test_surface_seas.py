@@ -13,7 +13,7 @@ import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace import SurfaceModel, TriangleMesh
 from meshtrace.surfaces import (
     Band,
     Cos2sSpreading,
@@ -27,9 +27,9 @@ from meshtrace.surfaces import (
     SpectralSea,
     TiltedPlane,
     Tma,
+    bands,
     sea_from_config,
 )
-from meshtrace.surfaces.bands import PAPER_BANDS
 from meshtrace.surfaces.statistics import components_hs
 from meshtrace.surfaces.waves import angular_frequency, phase_speed, wavenumber
 
@@ -178,7 +178,7 @@ def test_scaled_band_does_not_jump_at_the_paper_winds(wind_speed):
 
 
 def test_the_cut_of_the_spectrum_replaces_that_of_the_band():
-    given = PAPER_BANDS[13.0].replace(d_theta=math.pi / 10)
+    given = bands.PAPER_BANDS[13.0].replace(d_theta=math.pi / 10)
     sea = JonswapSea(wind_speed=13.0, waves=given, omega_max=6.0)
     assert sea.band == given.replace(omega_max=6.0)
     assert len(sea.components.amplitude) == 52 * 11
@@ -401,11 +401,11 @@ def test_digits_do_not_depend_on_the_number_of_threads():
         (lambda: JonswapSea(waves="narrow"), "paper, scaled"),
         (lambda: JonswapSea(omega_max=1.0), "omega_max: 1.0, allowed: > 1.175 rad/s"),
         (
-            lambda: JonswapSea(waves=PAPER_BANDS[5.0].replace(d_theta=2.0)),
+            lambda: JonswapSea(waves=bands.PAPER_BANDS[5.0].replace(d_theta=2.0)),
             "d_theta: 2.0, allowed: 0 < d_theta <= 1.57",
         ),
         (
-            lambda: JonswapSea(waves=PAPER_BANDS[5.0].replace(d_omega=1e-6)),
+            lambda: JonswapSea(waves=bands.PAPER_BANDS[5.0].replace(d_omega=1e-6)),
             "waves: 16800006 waves, allowed: a band of at most 1000000",
         ),
         (lambda: JonswapSea(spreading="round"), "spreading"),

@@ -14,8 +14,8 @@ import xarray as xr
 from leaning import LeaningWave
 
 import meshtrace as mt
+from meshtrace import MeshSource, SurfaceModel
 from meshtrace.errors import Refused
-from meshtrace.mesh import MeshSource, SurfaceModel
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import (
     JonswapSea,

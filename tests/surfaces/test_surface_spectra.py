@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from meshtrace.errors import Refused
-from meshtrace.surfaces import Elfouhaily, Jonswap, PiersonMoskowitz, Tma
+from meshtrace.surfaces import Elfouhaily, Jonswap, PiersonMoskowitz, Tma, waves
 from meshtrace.surfaces.spectra import (
     elfouhaily_delta,
     kitaigorodskii,
 )
 from meshtrace.surfaces.statistics import cox_munk, hs, mean_square_slope, spectral_moment
-from meshtrace.surfaces.waves import GRAVITY, wavenumber
+from meshtrace.surfaces.waves import wavenumber
 
 ALL = [
     Jonswap(wind_speed=5.0),
@@ -32,7 +32,7 @@ def test_jonswap_peak_of_the_paper(wind_speed, omega_p):
 
 def test_jonswap_without_enhancement_has_the_closed_variance():
     spectrum = Jonswap(wind_speed=9.0, fetch=20e3, gamma=1.0, alpha=0.0081)
-    closed = 0.0081 * GRAVITY**2 / (5.0 * spectrum.omega_p**4)
+    closed = 0.0081 * waves.GRAVITY**2 / (5.0 * spectrum.omega_p**4)
     assert spectral_moment(spectrum, 0) == pytest.approx(closed, rel=1e-12)
 
 
@@ -42,7 +42,7 @@ def test_jonswap_options():
     assert Jonswap(wind_speed=5.0, alpha_coefficient=0.076)(2.0) == pytest.approx(
         at_2 * 0.076 / 0.075
     )
-    X = GRAVITY * 30e3 / 25.0
+    X = waves.GRAVITY * 30e3 / 25.0
     given = Jonswap(wind_speed=5.0, alpha=0.075 * X**-0.22)
     assert given(2.0) == pytest.approx(at_2, rel=1e-14)
     sides = [0.9 * base.omega_p, 1.1 * base.omega_p]
@@ -55,13 +55,13 @@ def test_pierson_moskowitz_height_and_peak():
     wind_speed = 12.0
     u = 1.026 * wind_speed
     assert hs(PiersonMoskowitz(wind_speed=wind_speed)) == pytest.approx(
-        2.0 * math.sqrt(0.0081 / 0.74) * u**2 / GRAVITY, rel=1e-12
+        2.0 * math.sqrt(0.0081 / 0.74) * u**2 / waves.GRAVITY, rel=1e-12
     )
     assert hs(PiersonMoskowitz(wind_speed=wind_speed)) == pytest.approx(
         0.21 * u**2 / 9.81, rel=5e-3
     )
     assert PiersonMoskowitz(wind_speed=wind_speed).omega_p == pytest.approx(
-        0.877 * GRAVITY / u, rel=1e-3
+        0.877 * waves.GRAVITY / u, rel=1e-3
     )
 
 
@@ -70,10 +70,12 @@ def test_kitaigorodskii_is_the_ratio_of_wavenumber_derivatives():
     h = 1e-5 * omega
     slope = (wavenumber(omega + h, depth) - wavenumber(omega - h, depth)) / (2 * h)
     finite = wavenumber(omega, depth) ** -3 * slope
-    deep = wavenumber(omega) ** -3 * 2.0 * omega / GRAVITY
+    deep = wavenumber(omega) ** -3 * 2.0 * omega / waves.GRAVITY
     np.testing.assert_allclose(kitaigorodskii(omega, depth), finite / deep, rtol=1e-8)
     # Long waves: phi = omega^2 depth / (2 g).
-    assert kitaigorodskii(1e-3, depth) == pytest.approx(1e-6 * depth / (2 * GRAVITY), rel=1e-6)
+    assert kitaigorodskii(1e-3, depth) == pytest.approx(
+        1e-6 * depth / (2 * waves.GRAVITY), rel=1e-6
+    )
 
 
 def test_tma_is_jonswap_in_deep_water_and_smaller_in_shallow():

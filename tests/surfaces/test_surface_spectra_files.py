@@ -15,10 +15,9 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from meshtrace.errors import InputWarning, Refused
-from meshtrace.surfaces import from_wavespectra
-from meshtrace.surfaces.spectra_files import read_spectrum
-from meshtrace.surfaces.spectral_grid import maximum_entropy
+from meshtrace import InputWarning
+from meshtrace.errors import Refused
+from meshtrace.surfaces import from_wavespectra, spectra_files, spectral_grid
 
 FREQ, DIR = np.geomspace(0.05, 0.6, 25), np.arange(0.0, 360.0, 10.0)
 HEIGHT = FREQ**-5 * np.exp(-1.25 * (0.15 / FREQ) ** 4) * 2e-5
@@ -45,7 +44,9 @@ def check(source, hs=HS, direction=MEAN_DIR, reader=None, rel=1e-6, degrees=1e-3
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         found = numbers(
-            read_spectrum(source, reader, selection.get("time"), selection.get("site"))[0]
+            spectra_files.read_spectrum(
+                source, reader, selection.get("time"), selection.get("site")
+            )[0]
         )
     assert found[0] == pytest.approx(hs, rel=rel)
     assert abs((found[1] - direction + 180.0) % 360.0 - 180.0) < degrees
@@ -54,7 +55,7 @@ def check(source, hs=HS, direction=MEAN_DIR, reader=None, rel=1e-6, degrees=1e-3
 def refuse(source, match, reader=None, time=None, site=None):
     with warnings.catch_warnings(action="ignore", category=InputWarning):
         with pytest.raises(Refused, match=match):
-            read_spectrum(source, reader, time, site)
+            spectra_files.read_spectrum(source, reader, time, site)
 
 
 def dataset(density=EFTH, frequency=FREQ, direction=DIR, **attributes):
@@ -89,7 +90,9 @@ def test_densities_per_degree(unit, factor):
 
 def test_a_conversion_is_said_in_one_line():
     with pytest.warns(InputWarning, match=r"^efth: cm2 s degree-1 converted to m2 Hz-1 deg-1$"):
-        read_spectrum(dataset(1e4 * EFTH, efth={"units": "cm2 s degree-1"}), None, None, None)
+        spectra_files.read_spectrum(
+            dataset(1e4 * EFTH, efth={"units": "cm2 s degree-1"}), None, None, None
+        )
 
 
 @pytest.mark.parametrize(
@@ -450,7 +453,7 @@ def numbers_1d(density):
 def test_maximum_entropy_keeps_the_coefficients(r1, r2, turn):
     c1, c2 = np.array([r1 * np.exp(1j)]), np.array([r2 * np.exp(2j * (1.0 + turn))])
     theta = np.radians(np.arange(0.0, 360.0, 2.0))
-    shares = maximum_entropy(c1, c2, theta)[0]
+    shares = spectral_grid.maximum_entropy(c1, c2, theta)[0]
     assert (shares > 0.0).all()
     assert shares.sum() == pytest.approx(1.0, abs=1e-12)
     # means over bins of 2 deg lower the second coefficient by 2e-4
@@ -459,7 +462,7 @@ def test_maximum_entropy_keeps_the_coefficients(r1, r2, turn):
 
 
 def test_coefficients_that_no_density_has_keep_their_direction():
-    shares = maximum_entropy(
+    shares = spectral_grid.maximum_entropy(
         np.array([0.9 + 0j, 1.2j]), np.array([-0.9 + 0j, 0.5j]), np.radians(DIR)
     )
     np.testing.assert_allclose(shares.sum(axis=1), 1.0, rtol=1e-12)
@@ -603,7 +606,7 @@ def test_era5_has_no_waves_on_land():
     coords = {"time": TIMES[:1], "latitude": [50.0, 40.0], "longitude": [0.0]}
     coords |= {"frequency": range(1, 26), "direction": range(1, 37)}
     data = xr.Dataset({"d2fd": (dims, values, {"units": "m**2 s radian**-1"})}, coords)
-    found, _ = read_spectrum(data, "era5", "2024-05-01", (0.0, 50.0))
+    found, _ = spectra_files.read_spectrum(data, "era5", "2024-05-01", (0.0, 50.0))
     assert found.density.sum() == pytest.approx(EFTH.sum(), rel=1e-6)
     refuse(data, "900 of 900 values missing", "era5", "2024-05-01", (0.0, 40.0))
     refuse(

@@ -6,8 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from meshtrace.surfaces import JonswapSea, WaveComponents, resolved_sea
-from meshtrace.surfaces.triangulate import GridLines
+from meshtrace.surfaces import JonswapSea, WaveComponents, resolved_sea, triangulate
 from meshtrace.surfaces.waves import WaveGrid, elevation_and_slopes
 
 
@@ -34,10 +33,10 @@ def plain(waves, x, y, time):
     return found.astype(float)
 
 
-EVEN = GridLines(2.0, 0.1).axis(), GridLines(1.5, 0.1).axis(0.25)
+EVEN = triangulate.GridLines(2.0, 0.1).axis(), triangulate.GridLines(1.5, 0.1).axis(0.25)
 GRADED = (
-    GridLines(3.0, 0.05, fine_extent=0.5).axis(),
-    GridLines(2.0, 0.06, fine_extent=0.5).axis(0.3),
+    triangulate.GridLines(3.0, 0.05, fine_extent=0.5).axis(),
+    triangulate.GridLines(2.0, 0.06, fine_extent=0.5).axis(0.3),
 )
 CASES = {
     "even": (200, 20.0, 0.3, EVEN),
@@ -105,7 +104,7 @@ def test_one_two_or_three_sums_are_the_same():
 
 def test_threads_and_other_frames_leave_every_bit():
     sea = resolved_sea(5.0).model_copy(update={"omega_max": 13.0})
-    x = GridLines(3.0, 0.05, fine_extent=0.5).axis()
+    x = triangulate.GridLines(3.0, 0.05, fine_extent=0.5).axis()
     times = np.arange(12) * 0.1
     one = [sea.with_seed(0).grid(x, x, t) for t in times]
     with ThreadPoolExecutor(4) as pool:

@@ -9,7 +9,6 @@ import meshtrace as mt
 from meshtrace import Vertex, viz
 from meshtrace.surfaces import FlatSea, SinusoidalSea
 from meshtrace.viz import export
-from meshtrace.viz.export import surface_sampler
 
 SEA = SinusoidalSea(amplitude=0.3, wavelength=6.0)
 
@@ -107,11 +106,11 @@ def test_unsuitable_files_are_refused(tmp_path, mesh, paths, coverage):
 
 def test_sampler_interpolates_in_the_facets(mesh):
     vertex = mesh.vertices[57]
-    sample = surface_sampler(mesh)
+    sample = export.surface_sampler(mesh)
     np.testing.assert_allclose(sample(vertex[None, :2]), vertex[2], atol=1e-6)
     middle = mesh.vertices[mesh.faces[100]].mean(axis=0)
     np.testing.assert_allclose(sample(middle[None, :2]), middle[2], atol=1e-6)
-    assert surface_sampler(FlatSea().mesh(extent=1.0, spacing=0.5))([[9.0, 9.0]]) == 0.0
+    assert export.surface_sampler(FlatSea().mesh(extent=1.0, spacing=0.5))([[9.0, 9.0]]) == 0.0
 
 
 def test_pictures_stay_within_a_size(tmp_path):

@@ -8,7 +8,7 @@ from test_viz_movie import frames_of
 import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.viz.show import LIGHT_SIZE as SIZE
+from meshtrace.viz import show
 
 SHARP = mt.Link(physics={"unresolved": "none"})
 SEA = JonswapSea(wind_speed=5.0, omega_max=8.0, seed=3)
@@ -19,7 +19,9 @@ SMALL = {"extent": 1.0, "step": 0.05}
 def test_a_picture(tmp_path):
     path = viz.save_light(SHARP, SEA, tmp_path / "light.png", **SMALL)
     with Image.open(path) as picture:
-        assert picture.size[0] / picture.size[1] == pytest.approx(SIZE[0] / SIZE[1], abs=0.01)
+        assert picture.size[0] / picture.size[1] == pytest.approx(
+            show.LIGHT_SIZE[0] / show.LIGHT_SIZE[1], abs=0.01
+        )
         colors = np.asarray(picture.convert("RGB")).reshape(-1, 3)
     assert len(np.unique(colors, axis=0)) > 1000
 
@@ -41,10 +43,10 @@ def test_a_movie_in_which_light_and_sea_move(tmp_path):
     path = viz.save_light(
         SHARP, SEA, tmp_path / "light.mp4", [0.0, 0.1, 0.2], **SMALL, progress=seen.append
     )
-    frames = frames_of(path, SIZE)
+    frames = frames_of(path, show.LIGHT_SIZE)
     assert len(frames) == 3
     assert seen == [1, 1, 1]
-    half = SIZE[0] // 2
+    half = show.LIGHT_SIZE[0] // 2
     for part in (frames[:, 80:-80, 60 : half - 120], frames[:, 80:-80, half + 60 : -120]):
         assert (np.abs(np.diff(part, axis=0)).sum(axis=3) > 30).mean(axis=(1, 2)).min() > 1e-2
 

@@ -14,7 +14,6 @@ from meshtrace import viz
 from meshtrace.fading import resolve_band
 from meshtrace.surfaces import FlatSea, JonswapSea, MeshSequence, resolved_sea
 from meshtrace.viz import show
-from meshtrace.viz.show import SIZE
 
 LINK, SEA = mt.Link(), JonswapSea(wind_speed=13.0, fetch=30e3, seed=7)
 TIMES = np.array([0.0, 0.5, 1.0])
@@ -28,7 +27,7 @@ GAIN = mt.GainSeries(
 )
 
 
-def frames_of(path, size=SIZE):
+def frames_of(path, size=show.SIZE):
     """Decode a movie, shape (frames, height, width, 3)."""
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-loglevel", "error", "-i", path]
     raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-fps_mode", "passthrough", "-"]

@@ -15,8 +15,7 @@ from meshtrace import apps, viz
 from meshtrace.apps import measured
 from meshtrace.errors import Refused
 from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.viz import ScenePlotter
-from meshtrace.viz.scenes import Shown
+from meshtrace.viz import ScenePlotter, scenes
 from meshtrace.viz.stage import stage_of
 
 LINK, FLAT = mt.Link(), FlatSea()
@@ -194,7 +193,7 @@ def test_wrong_values_are_refused(name, sound, tmp_path, monkeypatch):
     parameters = [n for n in inspect.signature(function_of(name)).parameters if n != "shown"]
     whole = name in ("save_movie", "view")  # of many parameters, whose sound values draw movies
     if whole:
-        parameters += Shown.__annotations__
+        parameters += scenes.Shown.__annotations__
     for argument in parameters:
         if argument == "progress":  # errors of a user's function are the user's
             continue

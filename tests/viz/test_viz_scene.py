@@ -8,8 +8,7 @@ from matplotlib.colors import to_rgb
 import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import FlatSea, JonswapSea, TiltedPlane
-from meshtrace.viz.export import surface_sampler
-from meshtrace.viz.parts import cone_rim, rotation_from_z
+from meshtrace.viz import export, parts
 from meshtrace.viz.stage import ROOM, round_length, round_range
 from meshtrace.viz.style import FATE_COLORS, LED_COLOR
 
@@ -197,7 +196,7 @@ def test_bubbles_are_points_in_proportion_to_their_density(shoot, plain):
     assert any(label.startswith("bubbles, 0.0") for label in plotter.key)
     assert ((image - clear).sum(axis=2)[:280] > 60).sum() > 500  # above the key
     below = bubbles_of(plotter)
-    below[:, 2] -= surface_sampler(plotter.shown["surface"])(below[:, :2])
+    below[:, 2] -= export.surface_sampler(plotter.shown["surface"])(below[:, :2])
     assert below[:, 2].max() <= 1e-6
     depth = np.linspace(0.0, 20.0, 20_001)
     mean = np.trapezoid(depth * layer.b(depth), depth) / np.trapezoid(layer.b(depth), depth)
@@ -309,7 +308,7 @@ def test_the_aircraft_leans_with_its_receiver(shoot, plain):
 
 @pytest.mark.parametrize("axis", [(0, 0, 1), (0, 0, -1), (0.6, 0, 0.8), (0.48, -0.64, -0.6)])
 def test_rotation_turns_z_to_the_axis(axis):
-    turn = rotation_from_z(axis)
+    turn = parts.rotation_from_z(axis)
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(turn @ (0, 0, 1), axis, atol=1e-12)
     assert np.linalg.det(turn) == pytest.approx(1.0)
@@ -317,13 +316,13 @@ def test_rotation_turns_z_to_the_axis(axis):
 
 def test_cones_end_where_the_surface_is():
     flat = FlatSea().mesh(extent=10.0, spacing=1.0)
-    rim = cone_rim(flat, (1.0, 2.0, -10.0), (0.0, 0.0, 1.0), 10.0, 100.0)
+    rim = parts.cone_rim(flat, (1.0, 2.0, -10.0), (0.0, 0.0, 1.0), 10.0, 100.0)
     radius = np.hypot(rim[:, 0] - 1.0, rim[:, 1] - 2.0)
     np.testing.assert_allclose(radius, 10.0 * np.tan(np.radians(10.0)), rtol=1e-6)
     np.testing.assert_allclose(rim[:, 2], 0.0, atol=1e-6)
 
     plane = TiltedPlane(slope_x=0.1)
-    rim = cone_rim(
+    rim = parts.cone_rim(
         plane.mesh(extent=20.0, spacing=1.0), (0.0, 0.0, 5.0), (0.0, 0.0, -1.0), 30.0, 100.0
     )
     np.testing.assert_allclose(rim[:, 2], plane.elevation(*rim[:, :2].T), atol=1e-3)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from meshtrace import viz
-from meshtrace.viz.style import FATE_COLORS, PALETTE
+from meshtrace.viz import style
+from meshtrace.viz.style import PALETTE
 
 
 def lightness(rgb):
@@ -44,7 +45,7 @@ def test_water_map_rises_evenly_in_lightness():
 
 @pytest.mark.parametrize("vision", [np.eye(3), DEUTERANOPIA, PROTANOPIA])
 def test_fates_are_distinct_in_every_vision(vision):
-    rgb = np.array([mpl.colors.to_rgb(c) for c in FATE_COLORS.values()])
+    rgb = np.array([mpl.colors.to_rgb(c) for c in style.FATE_COLORS.values()])
     seen = np.clip(rgb**2.2 @ vision.T, 0, 1) ** (1 / 2.2)
     distances = [np.linalg.norm(seen[i] - seen[j]) for i in range(3) for j in range(i)]
     assert min(distances) > 0.2

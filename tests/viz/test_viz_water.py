@@ -8,25 +8,10 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace import viz
-from meshtrace.mesh import TriangleMesh
+from meshtrace import TriangleMesh, viz
 from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.viz.scenes import caption
-from meshtrace.viz.show import FRAME_RATE, natural_rate
-from meshtrace.viz.style import FATE_COLORS
-from meshtrace.viz.water import (
-    CLOUD_RGB,
-    WATER_BRIGHTNESS,
-    SeaLight,
-    ShadedSea,
-    foam_cover,
-    foam_streaks,
-    grid_shape,
-    radiance,
-    refined,
-    screen_colors,
-    short_waves,
-)
+from meshtrace.viz import scenes, show, style, water
+from meshtrace.viz.water import WATER_BRIGHTNESS, SeaLight, foam_streaks, short_waves
 
 SEA = JonswapSea(wind_speed=13.0, seed=7)
 N = 1.33
@@ -45,7 +30,7 @@ def test_glint_is_brightest_in_the_mirror_image_of_the_sun(zenith, azimuth):
     day = mt.Daylight(direct=1.4, diffuse=0.3, sun_zenith_deg=zenith, sun_azimuth_deg=azimuth)
     height, variance = 10.0, 0.002
     points, slopes = level()
-    light = radiance(points, slopes, (0.0, 0.0, height), SeaLight(day), (variance, variance))
+    light = water.radiance(points, slopes, (0.0, 0.0, height), SeaLight(day), (variance, variance))
     away = height * math.tan(math.radians(zenith))
     mirror = away * np.array([math.cos(math.radians(azimuth)), math.sin(math.radians(azimuth))])
     np.testing.assert_allclose(points[np.argmax(light[:, 0]), :2], mirror, atol=0.6)
@@ -60,7 +45,7 @@ def test_the_default_sun_glitters_on_a_rough_sea_without_whitening_it():
         [across * math.cos(azimuth), across * math.sin(azimuth), math.sin(elevation)]
     )
     light = SeaLight.from_link(None, None, (SEA.wind_speed, 0.0))
-    darkest = ShadedSea(mesh, light, texels=256).colors(tuple(eye)).min(axis=2)
+    darkest = water.ShadedSea(mesh, light, texels=256).colors(tuple(eye)).min(axis=2)
     assert (darkest > 200).mean() > 0.02
     assert (darkest > 220).mean() < 0.01
 
@@ -71,7 +56,8 @@ def test_the_brightness_of_glint():
     day = mt.Daylight(direct=1.4, diffuse=0.3, sun_zenith_deg=40.0)
     points, slopes = np.array([[10.0 * math.tan(zenith), 0.0, 0.0]]), np.zeros((1, 2))
     rough, rougher = (
-        radiance(points, slopes, (0.0, 0.0, 10.0), SeaLight(day), (v, v)) for v in (0.01, 0.02)
+        water.radiance(points, slopes, (0.0, 0.0, 10.0), SeaLight(day), (v, v))
+        for v in (0.01, 0.02)
     )
     inside = math.asin(math.sin(zenith) / N)
     r_s = math.sin(zenith - inside) / math.sin(zenith + inside)
@@ -84,10 +70,12 @@ def test_the_brightness_of_glint():
 def test_an_overcast_sky_seen_from_above():
     day = mt.Daylight(direct=0.0, diffuse=2.0, pattern="uniform")
     light = SeaLight(day, mt.Water(a=0.2, b=0.3))
-    seen = radiance(np.zeros((1, 3)), np.zeros((1, 2)), (0.0, 0.0, 5.0), light, (0.0, 0.0))
+    seen = water.radiance(np.zeros((1, 3)), np.zeros((1, 2)), (0.0, 0.0, 5.0), light, (0.0, 0.0))
     rho = ((N - 1.0) / (N + 1.0)) ** 2
     below = (1.0 - rho) * math.pi * WATER_BRIGHTNESS * light.upwelling
-    np.testing.assert_allclose(seen[0], rho * CLOUD_RGB + below, rtol=2e-3)  # horizon cut at 1e-3
+    np.testing.assert_allclose(
+        seen[0], rho * water.CLOUD_RGB + below, rtol=2e-3
+    )  # horizon cut at 1e-3
 
 
 def test_clear_water_is_blue_and_harbour_water_is_not():
@@ -130,7 +118,7 @@ def test_short_waves_travel_downwind():
 def test_foam_covers_its_share(share):
     streaks = foam_streaks(10.0, 256, 0.0).ravel()
     heights = np.sin(np.arange(len(streaks)))
-    cover = foam_cover(streaks, heights, share)
+    cover = water.foam_cover(streaks, heights, share)
     assert (cover > 0.5).mean() == pytest.approx(share, abs=1e-4)
     assert cover.min() >= 0.0
     assert cover.max() <= 1.0
@@ -150,7 +138,7 @@ def test_colours_are_those_of_a_screen_and_the_same_again():
     light = SeaLight.from_link(mt.Link().in_wind(13.0), None, (13.0, 0.0))
     assert light.foam == pytest.approx(1.0 - mt.Whitecaps(wind_speed=13.0).transmittance)
     seen = [
-        ShadedSea(mesh, light, 4.0, time, texels=64).colors((5.0, -30.0, 8.0))
+        water.ShadedSea(mesh, light, 4.0, time, texels=64).colors((5.0, -30.0, 8.0))
         for time in (1.0, 1.0, 1.3)
     ]
     assert seen[0].shape == (64, 64, 3)
@@ -158,17 +146,17 @@ def test_colours_are_those_of_a_screen_and_the_same_again():
     assert seen[0].std() > 10.0
     np.testing.assert_array_equal(seen[0], seen[1])
     assert (seen[0] != seen[2]).mean() > 0.5
-    dark, white = screen_colors(np.array([[0.0] * 3, [1e3] * 3]))
+    dark, white = water.screen_colors(np.array([[0.0] * 3, [1e3] * 3]))
     assert (dark.tolist(), white.tolist()) == ([0] * 3, [255] * 3)
 
 
 def test_grids_are_found_and_refined():
     mesh = SEA.mesh(0.0, extent=3.0, spacing=1.0)
-    assert grid_shape(mesh) == (7, 7)
+    assert water.grid_shape(mesh) == (7, 7)
     fan = TriangleMesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
-    assert grid_shape(fan) is None
-    assert ShadedSea(fan, SeaLight(), texels=16).colors((0.0, 0.0, 9.0)).shape == (4, 3)
-    points = refined(mesh.vertices.reshape(7, 7, 3), 13)
+    assert water.grid_shape(fan) is None
+    assert water.ShadedSea(fan, SeaLight(), texels=16).colors((0.0, 0.0, 9.0)).shape == (4, 3)
+    points = water.refined(mesh.vertices.reshape(7, 7, 3), 13)
     np.testing.assert_allclose(points[::2, ::2].reshape(-1, 3), mesh.vertices, atol=1e-12)
     np.testing.assert_allclose(points[1, 0], 0.5 * (points[0, 0] + points[2, 0]))
 
@@ -208,7 +196,7 @@ def test_the_ruler_is_level_with_the_lamp():
 
 def test_captions_state_link_sea_and_gain():
     gain = mt.simulate(mt.Link(), FlatSea(), photons=64)
-    text = caption(mt.Link(), SEA, 2.5, gain)
+    text = scenes.caption(mt.Link(), SEA, 2.5, gain)
     assert text == (
         "LED at depth 10 m to receiver at height 5 m; JONSWAP sea, wind 13 m/s, seed 7, "
         f"t = 2.50 s; gain {gain.gain:.2e} ± {gain.gain_stderr:.0e}"
@@ -216,22 +204,22 @@ def test_captions_state_link_sea_and_gain():
     # mostly noise: a reader would take it for the gain
     noisy = replace(gain, gain_stderr=0.2 * gain.gain)
     dark = replace(gain, gain=0.0, gain_stderr=0.0)
-    assert "gain" not in caption(mt.Link(), SEA, 2.5, noisy)
-    assert "gain" not in caption(mt.Link(), SEA, 2.5, dark)
-    down = caption(mt.Link().mirrored(), FlatSea(), 0.0, None)
+    assert "gain" not in scenes.caption(mt.Link(), SEA, 2.5, noisy)
+    assert "gain" not in scenes.caption(mt.Link(), SEA, 2.5, dark)
+    down = scenes.caption(mt.Link().mirrored(), FlatSea(), 0.0, None)
     assert down.endswith("at depth 10 m; flat sea")
     assert "at height 5 m" in down
-    sun = caption(mt.Link(transmitter=mt.link.Sun()), FlatSea(), 0.0, None)
+    sun = scenes.caption(mt.Link(transmitter=mt.link.Sun()), FlatSea(), 0.0, None)
     assert sun == "sun to receiver at height 5 m; flat sea"
-    assert caption(None, SEA.mesh(0.0, 2.0, 1.0), 0.0, None) == "mesh"
+    assert scenes.caption(None, SEA.mesh(0.0, 2.0, 1.0), 0.0, None) == "mesh"
 
 
 def test_movies_last_ten_seconds_at_natural_speed():
     frames = inspect.signature(viz.view).parameters["frames"].default
-    assert (frames / FRAME_RATE, FRAME_RATE) == (10.0, 30.0)
-    assert natural_rate(np.arange(300) / 30.0) == pytest.approx(30.0)
+    assert (frames / show.FRAME_RATE, show.FRAME_RATE) == (10.0, 30.0)
+    assert show.natural_rate(np.arange(300) / 30.0) == pytest.approx(30.0)
     with pytest.raises(ValueError, match=r"times: .*increasing"):
-        natural_rate(np.zeros(2))
+        show.natural_rate(np.zeros(2))
 
 
 def test_rays_stand_out_from_water_and_air():
@@ -251,7 +239,7 @@ def test_rays_stand_out_from_water_and_air():
         low, high = sorted((luminance(a), luminance(b)))
         return (high + 0.05) / (low + 0.05)
 
-    received, landed, ended = FATE_COLORS.values()
+    received, landed, ended = style.FATE_COLORS.values()
     shallow, deep = DEEP_COLORS
     for color in (received, landed):
         assert min(contrast(color, other) for other in (DUSK, NIGHT, shallow, deep)) > 2.0

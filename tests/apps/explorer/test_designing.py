@@ -9,9 +9,7 @@ import pytest
 import meshtrace as mt
 from meshtrace.apps import Design
 from meshtrace.apps.designs.page import BestValue, Figures, Line, Reach
-from meshtrace.apps.explorer import stages
-from meshtrace.apps.explorer.readings import design_reading
-from meshtrace.apps.explorer.stages import design_of
+from meshtrace.apps.explorer import readings, stages
 from meshtrace.errors import Refused
 from meshtrace.scenario import Scenario
 
@@ -45,7 +43,7 @@ def a_design():
 
 
 def test_a_design_is_read_in_the_units_of_the_page():
-    found = design_reading(a_design())
+    found = readings.design_reading(a_design())
     assert found["answer"][0].startswith("By night: yes.")
     assert any(line.startswith("By day: no.") for line in found["answer"])
     tables = {table["title"]: table for table in found["tables"]}
@@ -68,10 +66,10 @@ def test_a_design_is_read_in_the_units_of_the_page():
 def test_the_design_is_that_of_the_library(monkeypatch):
     options = [f"--{key}={value}" for key, value in FEW.items()]
     monkeypatch.setattr(stages, "_DESIGN", (*stages._DESIGN, *options))
-    found, expected = asyncio.run(design_of(CALM)), mt.design(CALM, **FEW)
+    found, expected = asyncio.run(stages.design_of(CALM)), mt.design(CALM, **FEW)
     assert found.figures == expected.figures
     assert found.choices == expected.choices
-    assert design_reading(found)["answer"] == design_reading(expected)["answer"]
+    assert readings.design_reading(found)["answer"] == readings.design_reading(expected)["answer"]
 
 
 @pytest.mark.process
@@ -79,7 +77,7 @@ def test_the_design_is_that_of_the_library(monkeypatch):
 def test_a_refused_design_is_one_line():
     two = CALM.replace(link=mt.Link(receiver=(mt.Receiver(), mt.Receiver(height=9.0))))
     with pytest.raises(Refused, match="receiver") as error:
-        asyncio.run(design_of(two))
+        asyncio.run(stages.design_of(two))
     assert len(str(error.value).splitlines()) == 1
 
 
@@ -97,7 +95,7 @@ def test_a_design_can_be_ended():
 
         asyncio.create_subprocess_exec = kept
         try:
-            task = asyncio.create_task(design_of(CALM))
+            task = asyncio.create_task(stages.design_of(CALM))
             while not made:
                 await asyncio.sleep(0.05)
             task.cancel()

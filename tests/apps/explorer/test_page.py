@@ -18,8 +18,7 @@ from PIL import Image
 
 import meshtrace as mt
 from meshtrace.apps import explorer
-from meshtrace.apps.explorer.controls import CHOICES, GIVEN, State
-from meshtrace.apps.explorer.stages import CHAINS
+from meshtrace.apps.explorer import controls, stages
 from meshtrace.scenario import Scenario
 
 pytestmark = [pytest.mark.browser, pytest.mark.process, pytest.mark.thorough]
@@ -64,10 +63,14 @@ def sized(driver, width, height, dark=False):
 def page(browser):
     """Return the browser with all controls at the paper's link."""
     sized(browser, 1400, 900)
-    for name, value in State(PAPER).values.items():
+    for name, value in controls.State(PAPER).values.items():
         if value is not None and float(shown(browser, name) or value) != value:
             enter(browser, name, value)
-    reset = {"text_shown": False, "playing": False, **dict.fromkeys(CHOICES, GIVEN)}
+    reset = {
+        "text_shown": False,
+        "playing": False,
+        **dict.fromkeys(controls.CHOICES, controls.GIVEN),
+    }
     for name, value in reset.items():
         browser.execute_script("window.trame.state.set(arguments[0], arguments[1])", name, value)
     if browser.execute_script("return trame.state.get('time')") != 0.0:
@@ -111,10 +114,10 @@ def gain_is(driver, moves, time=0.0):
 
 def expected_gain(moves, time, known={}):  # noqa: B006
     if (moves, time) not in known:
-        scenario = State(PAPER).moved(dict(moves)).scenario
+        scenario = controls.State(PAPER).moved(dict(moves)).scenario
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the page shows them as notes
-            known[moves, time] = mt.simulate(scenario, photons=CHAINS[-1], time=time).gain
+            known[moves, time] = mt.simulate(scenario, photons=stages.CHAINS[-1], time=time).gain
     return known[moves, time]
 
 
@@ -597,7 +600,7 @@ def test_the_copied_texts_describe_the_link(page):
     until(lambda: gain_is(page, {"depth": 11.5}), "another gain")
     page.find_element("id", "toml").click()
     until(lambda: "depth" in text_of(page), "no text")
-    expected = State(PAPER).moved({"depth": 11.5}).scenario
+    expected = controls.State(PAPER).moved({"depth": 11.5}).scenario
     assert Scenario.from_toml(text_of(page)) == expected
     copied = "return document.querySelector('.mt-copy').innerText"
     page.execute_script("document.querySelector('.mt-copy').click()")

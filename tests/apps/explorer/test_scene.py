@@ -6,12 +6,11 @@ import trimesh
 from scipy.stats import norm
 
 import meshtrace as mt
-from meshtrace.apps.explorer import scenario_of, stages
-from meshtrace.apps.explorer.controls import State
+from meshtrace.apps.explorer import controls, scenario_of, stages
 from meshtrace.apps.explorer.scene import LiveScene, light_color, segments
 from meshtrace.scenario import Scenario
 
-STATE = State(Scenario.from_toml(""))
+STATE = controls.State(Scenario.from_toml(""))
 
 
 @pytest.fixture
@@ -46,7 +45,7 @@ def test_the_water_ends_at_the_edge_of_any_mesh(tmp_path):
     disk = trimesh.Trimesh(np.vstack([[0.0, 0.0, 0.0], rim]), faces)
     disk.export(tmp_path / "disk.stl")
     scenario = Scenario.from_toml("sea.mesh = 'disk.stl'", folder=tmp_path)
-    ring = points(LiveScene(State(scenario)), "ring")
+    ring = points(LiveScene(controls.State(scenario)), "ring")
     assert len(ring) == 36
     assert np.hypot(*ring[:, :2].T) == pytest.approx(30.0, rel=1e-6)
 
@@ -156,7 +155,7 @@ def test_lamp_and_receiver_are_where_the_link_has_them(scene):
 
 def test_the_beam_of_a_lamp_in_the_air_is_bent():
     """From its image the same circle of the still sea is lit, at the angle of refraction."""
-    state = State(scenario_of(mt.Link().mirrored(), STATE.scenario.surface))
+    state = controls.State(scenario_of(mt.Link().mirrored(), STATE.scenario.surface))
     scene = LiveScene(state.moved({"lamp_x": 1.0, "lamp": "top hat", "half_angle": 20.0}))
     link = scene.parts["link"]
     lamp = link["lamps"][0]

@@ -12,7 +12,6 @@ from trame.app.core import AVAILABLE_SERVERS
 import meshtrace as mt
 from meshtrace.apps.explorer import page as page_of_session
 from meshtrace.apps.explorer import server
-from meshtrace.apps.explorer.server import Explorer
 from meshtrace.errors import Refused
 from meshtrace.scenario import Scenario
 
@@ -23,7 +22,7 @@ def served(test, **options):
     """Run a test of a started explorer and a client."""
 
     async def run():
-        explorer = Explorer(PAPER, "link", **{"host": "127.0.0.1", "port": 0, **options})
+        explorer = server.Explorer(PAPER, "link", **{"host": "127.0.0.1", "port": 0, **options})
         await explorer.start()
         try:
             async with aiohttp.ClientSession() as client:
@@ -185,7 +184,7 @@ def test_a_browser_that_returns_when_it_is_closed_does_not_hold_the_page(monkeyp
     monkeypatch.setattr("webbrowser.open", lambda url: closed.wait(60.0))
 
     async def visits():
-        explorer = Explorer(PAPER, "link", "127.0.0.1", 0)
+        explorer = server.Explorer(PAPER, "link", "127.0.0.1", 0)
         serving = asyncio.create_task(server.serve(explorer, open_browser=True))
         try:
             while not explorer.port:

@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.apps.explorer import readings, stages
-from meshtrace.apps.explorer.controls import State
-from meshtrace.apps.explorer.stages import Failed, Session
+from meshtrace.apps.explorer import controls, readings, stages
 from meshtrace.comms.budget import link_budget
 from meshtrace.errors import Refused
 from meshtrace.scenario import Scenario
@@ -27,7 +25,7 @@ def short(monkeypatch):
 
 @pytest.fixture
 def session():
-    session = Session(PAPER)
+    session = stages.Session(PAPER)
     yield session
     session.close()
     session.join()
@@ -58,7 +56,7 @@ def test_gain_and_bits_are_those_of_the_library(session):
 @pytest.mark.thorough
 @pytest.mark.parametrize("wind", [3.0, 13.0])
 def test_tilts_beyond_the_field_of_view_are_named_as_by_a_performance(wind):
-    session = Session(Scenario.from_toml("[uav]\npreset = 'dji-m300-rtk'"))
+    session = stages.Session(Scenario.from_toml("[uav]\npreset = 'dji-m300-rtk'"))
     try:
         session.move({"wind": wind})
         assert session.wait(120.0)
@@ -122,7 +120,7 @@ def test_daylight_changes_the_bits_alone(session):
 def test_light_downwards(session):
     from meshtrace.apps.explorer import scenario_of
 
-    down = Session(scenario_of(mt.Link().mirrored(), PAPER.surface))
+    down = stages.Session(scenario_of(mt.Link().mirrored(), PAPER.surface))
     down.answer_now()
     assert down.wait(240.0)
     expected = mt.simulate(mt.Link().mirrored(), PAPER.surface, photons=8192)
@@ -198,7 +196,7 @@ def test_the_newest_move_wins(monkeypatch):
             assert go_on.wait(30.0)
         yield from real(state, check)
 
-    session = Session(PAPER)
+    session = stages.Session(PAPER)
     monkeypatch.setitem(stages.STAGES, "gain", slow)
     session.move({"depth": 11.0})
     assert blocked.wait(30.0)
@@ -246,7 +244,7 @@ def test_a_map_is_made_on_demand(session):
 
 def test_the_map_of_a_downlink_is_as_wide_as_the_link_is_high():
     """It once reached 0.5 m, as if neither end had a height."""
-    down = State(Scenario.from_toml(
+    down = controls.State(Scenario.from_toml(
         '[transmitter]\nkind = "air-led"\nheight = 5\n[receiver]\nkind = "water-receiver"\ndepth = 9\n'
     ))  # fmt: skip
     found = next(stages.coverage(down, lambda *_: None))
@@ -266,7 +264,7 @@ def test_a_link_that_cannot_be_traced_says_why(session):
     session.move({"height": 0.01})
     assert session.wait(120.0)
     failed = session.answer("gain")
-    assert isinstance(failed, Failed)
+    assert isinstance(failed, stages.Failed)
     assert "above the highest crest" in failed
     assert readings.gain_reading(session)["notes"] == [failed]
     session.move({"height": 5.0})
@@ -288,7 +286,7 @@ def test_internal_errors_are_shown_and_work_goes_on(session, monkeypatch):
 
 @pytest.mark.thorough
 def test_two_sessions_do_not_mix():
-    one, two = Session(PAPER), Session(PAPER)
+    one, two = stages.Session(PAPER), stages.Session(PAPER)
     one.move({"depth": 11.0})
     two.move({"height": 8.0})
     one.move({"wind": 7.0})

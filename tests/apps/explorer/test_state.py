@@ -7,17 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import meshtrace as mt
-from meshtrace.apps.explorer import scenario_of
-from meshtrace.apps.explorer.controls import (
-    BY_NAME,
-    CASE_1,
-    CHOICES,
-    CONTROLS,
-    GIVEN,
-    State,
-    slider_range,
-)
-from meshtrace.apps.explorer.readings import as_python, as_toml
+from meshtrace.apps.explorer import controls, readings, scenario_of
 from meshtrace.errors import Refused
 from meshtrace.scenario import Scenario
 
@@ -51,13 +41,13 @@ GREEN = Scenario.from_toml("[transmitter]\nwavelength_nm = 514.0")
 
 
 def test_every_control_has_an_effect_to_test():
-    assert {*EFFECTS, "sun", "chlorophyll"} == set(BY_NAME)
+    assert {*EFFECTS, "sun", "chlorophyll"} == set(controls.BY_NAME)
 
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_a_control_moves_its_value_and_no_other(name):
     value, effect = EFFECTS[name]
-    state = State(PAPER)
+    state = controls.State(PAPER)
     moved = state.moved({name: value})
     assert effect(moved.scenario)
     if name in ("bit_rate", "filter", "pde"):
@@ -68,17 +58,17 @@ def test_a_control_moves_its_value_and_no_other(name):
 
 
 def test_the_sun_moves_where_there_is_one():
-    moved = State(LIT).moved({"sun": 60.0}).scenario.daylight
+    moved = controls.State(LIT).moved({"sun": 60.0}).scenario.daylight
     assert (moved.sun_zenith_deg, LIT.daylight.sun_zenith_deg) == (60.0, 30.0)
-    assert State(PAPER).moved({"light": "clear", "sun": 60.0}).scenario.daylight == moved
+    assert controls.State(PAPER).moved({"light": "clear", "sun": 60.0}).scenario.daylight == moved
     with pytest.raises(Refused, match="sun"):
-        State(PAPER).moved({"sun": 60.0})
+        controls.State(PAPER).moved({"sun": 60.0})
 
 
 def test_numbers_replace_those_of_a_chosen_type():
     """A type of water gives both coefficients, at the wavelength of the lamp."""
     moves = {"water": "jerlov-II", "wavelength": 520.0}
-    typed = State(PAPER).moved(moves)
+    typed = controls.State(PAPER).moved(moves)
     expected = mt.Water.from_type("jerlov-II", 520.0)
     assert typed.scenario.link.water == expected
     water = typed.moved({"a": 0.3}).scenario.link.water
@@ -87,7 +77,7 @@ def test_numbers_replace_those_of_a_chosen_type():
 
 def test_water_by_chlorophyll_follows_the_wavelength():
     """Its a and b once had to be typed for each wavelength."""
-    state = State(PAPER).moved({"water": CASE_1, "chlorophyll": 2.0})
+    state = controls.State(PAPER).moved({"water": controls.CASE_1, "chlorophyll": 2.0})
     spectrum = mt.optics.Constituents(chlorophyll=2.0)
     for nm in (470.0, 550.0):
         state = state.moved({"wavelength": nm})
@@ -100,20 +90,20 @@ def test_water_by_chlorophyll_follows_the_wavelength():
     assert typed.values["chlorophyll"] == 2.0
     assert typed.moved({"chlorophyll": 2.5}).scenario.link.water.spectrum.chlorophyll == 2.5
     with pytest.raises(Refused, match="chlorophyll"):
-        State(PAPER).moved({"chlorophyll": 2.0})
+        controls.State(PAPER).moved({"chlorophyll": 2.0})
 
 
 def test_a_profile_of_chlorophyll_is_no_control():
     given = Scenario.from_toml("[water]\nchlorophyll = [[0, 0.2], [20, 1]]")
-    assert State(given).values["chlorophyll"] is None
+    assert controls.State(given).values["chlorophyll"] is None
 
 
 def test_another_water_ends_moves_of_its_numbers():
     """A type of water once kept the a that was moved before it was chosen."""
-    moved = State(PAPER).moved({"a": 0.3, "depth": 12.0}).moved({"water": "jerlov-II"})
+    moved = controls.State(PAPER).moved({"a": 0.3, "depth": 12.0}).moved({"water": "jerlov-II"})
     assert moved.scenario.link.water == mt.Water.from_type("jerlov-II", 470.0)
     assert moved.values["depth"] == 12.0
-    lit = State(PAPER).moved({"light": "clear"}).moved({"sun": 60.0})
+    lit = controls.State(PAPER).moved({"light": "clear"}).moved({"sun": 60.0})
     assert lit.moved({"light": "none"}).moves == (("light", "none"),)
     assert lit.moved({"light": "overcast"}).values["sun"] == 60.0
     typed = moved.moved({"a": 0.114})  # the number of the link as given
@@ -123,21 +113,21 @@ def test_another_water_ends_moves_of_its_numbers():
 @pytest.mark.parametrize("link", [mt.Link(), mt.Link().mirrored()], ids=["up", "down"])
 def test_a_wide_lamp_becomes_the_widest_laser(link):
     """The laser was once refused beside an LED of 70 deg, and its slider went to 80 deg."""
-    wide = State(scenario_of(link)).moved({"half_angle": 70.0})
+    wide = controls.State(scenario_of(link)).moved({"half_angle": 70.0})
     laser = wide.moved({"lamp": "laser"})
     assert laser.scenario.link.transmitter.divergence_deg == 59.5
     assert (wide.ranges["half_angle"], laser.ranges["half_angle"]) == ((0.5, 80.0), (0.5, 59.5))
-    assert State(wide.scenario).moved({"lamp": "laser"}).values["half_angle"] == 59.5
+    assert controls.State(wide.scenario).moved({"lamp": "laser"}).values["half_angle"] == 59.5
     top_hat = laser.moved({"lamp": "top hat"}).moved({"half_angle": 75.0})
     assert top_hat.scenario.link.transmitter.divergence_deg == 75.0
 
 
 def test_the_wavelength_stays_within_the_tables_of_the_water():
-    state = State(GREEN).moved({"water": "petzold-harbour"})
+    state = controls.State(GREEN).moved({"water": "petzold-harbour"})
     assert state.ranges["wavelength"] == (480.0, 550.0)
-    assert State(PAPER).ranges["wavelength"] == (400.0, 700.0)
-    assert State(PAPER).barred["petzold-harbour"] == "476.5 to 551.5 nm"
-    assert State(GREEN).barred == {}
+    assert controls.State(PAPER).ranges["wavelength"] == (400.0, 700.0)
+    assert controls.State(PAPER).barred["petzold-harbour"] == "476.5 to 551.5 nm"
+    assert controls.State(GREEN).barred == {}
 
 
 def ends(state):
@@ -146,7 +136,7 @@ def ends(state):
             for end in pair]  # fmt: skip
 
 
-WORDS = [(name, word) for name, choice in CHOICES.items() for word in choice.words]
+WORDS = [(name, word) for name, choice in controls.CHOICES.items() for word in choice.words]
 LIKE_I = [f"jerlov-{name}" for name in ("IA", "IB", "II", "III", "1C", "7C")]
 """Types of water with the wavelengths of jerlov-I, more turbid than it and clearer than 9C."""
 
@@ -155,7 +145,7 @@ LIKE_I = [f"jerlov-{name}" for name in ("IA", "IB", "II", "III", "1C", "7C")]
 @pytest.mark.parametrize("left_out", [LIKE_I, []], ids=len)
 def test_no_pair_of_a_choice_and_the_end_of_a_slider_is_refused(left_out):
     """Neither one after the other: what the page offers, it accepts."""
-    start, tried = State(PAPER), 0
+    start, tried = controls.State(PAPER), 0
     words = [(name, word) for name, word in WORDS if word not in left_out]
     for word in left_out:
         clearest, other = (start.moved({"water": water}) for water in ("jerlov-I", word))
@@ -184,59 +174,65 @@ def test_no_pair_of_a_choice_and_the_end_of_a_slider_is_refused(left_out):
 )
 @pytest.mark.parametrize("link", [mt.Link(), mt.Link().mirrored()], ids=["up", "down"])
 def test_another_kind_of_lamp_keeps_place_and_angle(word, kind, link):
-    state = State(scenario_of(link)).moved({"power": 50.0, "half_angle": 4.0})
+    state = controls.State(scenario_of(link)).moved({"power": 50.0, "half_angle": 4.0})
     old, new = (s.scenario.link.transmitter for s in (state, state.moved({"lamp": word})))
     assert (new.pattern, new.divergence_deg, new.power_mw) == (kind, 4.0, 50.0)
     assert (new.center, new.axis) == (old.center, old.axis)
-    back = State(state.moved({"lamp": word}).scenario).moved({"lamp": "LED"})
+    back = controls.State(state.moved({"lamp": word}).scenario).moved({"lamp": "LED"})
     assert back.scenario.link.transmitter == old
 
 
 def test_detector_and_aircraft_are_those_of_a_link_file():
-    moved = State(PAPER).moved({"detector": "paper", "aircraft": "dji-m300-rtk-no-payload"})
+    moved = controls.State(PAPER).moved(
+        {"detector": "paper", "aircraft": "dji-m300-rtk-no-payload"}
+    )
     text = '[detector]\npreset = "paper"\n[uav]\npreset = "dji-m300-rtk-no-payload"'
     expected = Scenario.from_toml(text)
     assert (moved.scenario.detector, moved.scenario.uav) == (expected.detector, expected.uav)
     assert moved.channel.link == PAPER.link
 
 
-@pytest.mark.parametrize("water", CHOICES["water"].words)
+@pytest.mark.parametrize("water", controls.CHOICES["water"].words)
 def test_the_water_is_that_of_the_type(water):
-    state = State(GREEN).moved({"water": water})
-    if water == CASE_1:
+    state = controls.State(GREEN).moved({"water": water})
+    if water == controls.CASE_1:
         spectrum = mt.optics.Constituents(chlorophyll=0.5)
         expected = mt.Water(spectrum=spectrum, wavelength_nm=514.0)
     else:
-        expected = PAPER.link.water if water == GIVEN else mt.Water.from_type(water, 514.0)
+        expected = PAPER.link.water if water == controls.GIVEN else mt.Water.from_type(water, 514.0)
     assert state.scenario.link.water == expected
     assert state.settings["water"] == water
 
 
-@pytest.mark.parametrize("light", CHOICES["light"].words)
+@pytest.mark.parametrize("light", controls.CHOICES["light"].words)
 def test_the_light_is_that_of_the_link_file(light):
-    state = State(PAPER).moved({"light": light})
-    text = "" if light == GIVEN else f'[daylight]\nmodel = "{light}"'
+    state = controls.State(PAPER).moved({"light": light})
+    text = "" if light == controls.GIVEN else f'[daylight]\nmodel = "{light}"'
     assert state.scenario.daylight == Scenario.from_toml(text).daylight
     assert state.channel == PAPER
 
 
 def test_links_downwards_move_as_well():
     down = scenario_of(mt.Link().mirrored())
-    moved = State(down).moved({"depth": 12.0, "height": 7.0, "lamp_x": 1.0, "tilt": 5.0}).scenario
+    moved = (
+        controls.State(down)
+        .moved({"depth": 12.0, "height": 7.0, "lamp_x": 1.0, "tilt": 5.0})
+        .scenario
+    )
     assert (moved.link.receiver.depth, moved.link.receiver.tilt_deg) == (12.0, 5.0)
     assert (moved.link.transmitter.height, moved.link.transmitter.position) == (7.0, (1.0, 0.0))
 
 
 def test_moves_act_on_the_link_as_given():
-    state = State(PAPER).moved({"wind": 0.0})
+    state = controls.State(PAPER).moved({"wind": 0.0})
     assert state.scenario.surface.to_config()["kind"] == "flat"
-    back = state.moved({"water": "jerlov-I"}).moved({"wind": 5.0, "water": GIVEN})
-    assert back == State(PAPER)
+    back = state.moved({"water": "jerlov-I"}).moved({"wind": 5.0, "water": controls.GIVEN})
+    assert back == controls.State(PAPER)
     assert back.scenario == PAPER
 
 
 def test_a_refused_move_names_the_value():
-    state = State(PAPER)
+    state = controls.State(PAPER)
     for moves, field in (
         ({"depth": -1.0}, "transmitter.depth"),
         ({"fov": 400.0}, "receiver.fov_deg"),
@@ -250,7 +246,7 @@ def test_a_refused_move_names_the_value():
 
 
 def test_links_without_a_value_have_no_such_control():
-    sun = State(scenario_of(mt.Link(transmitter=mt.Sun(), receiver=mt.WaterAperture())))
+    sun = controls.State(scenario_of(mt.Link(transmitter=mt.Sun(), receiver=mt.WaterAperture())))
     missing = {name for name, value in sun.values.items() if value is None}
     assert missing == {"half_angle", "height", "tilt", "sun", "chlorophyll"}
     with pytest.raises(Refused, match="height"):
@@ -259,7 +255,7 @@ def test_links_without_a_value_have_no_such_control():
 
 def test_the_first_of_several_parts_moves():
     two = mt.Link(receiver=(mt.Receiver(), mt.Receiver(height=9.0)))
-    moved = State(scenario_of(two)).moved({"height": 7.0, "offset_x": 1.0}).scenario.link
+    moved = controls.State(scenario_of(two)).moved({"height": 7.0, "offset_x": 1.0}).scenario.link
     assert [r.height for r in moved.receiver] == [7.0, 9.0]
     assert [r.position for r in moved.receiver] == [(1.0, 0.0), (0.0, 0.0)]
 
@@ -272,25 +268,25 @@ moves = st.fixed_dictionaries(
             c.name: st.floats(max(c.low, 1.0), 59.0 if c.name == "half_angle" else c.high).map(
                 lambda v, c=c: round(v, c.name != "seed")
             )
-            for c in CONTROLS
+            for c in controls.CONTROLS
             if c.name not in ("sun", "wavelength", "chlorophyll")  # not with each light and water
         },
-        **{name: st.sampled_from(choice.words) for name, choice in CHOICES.items()},
+        **{name: st.sampled_from(choice.words) for name, choice in controls.CHOICES.items()},
     },
 )
 
 
 @given(moves)
 def test_the_link_file_of_a_state_is_the_state(values):
-    scenario = State(GREEN).moved(values).scenario
-    assert Scenario.from_toml(as_toml(scenario)) == scenario
+    scenario = controls.State(GREEN).moved(values).scenario
+    assert Scenario.from_toml(readings.as_toml(scenario)) == scenario
 
 
 @pytest.mark.parametrize("numbers", [{}, {"a": 0.2}])
 def test_both_texts_of_water_by_chlorophyll_describe_it(numbers):
-    moved = {"water": CASE_1, "chlorophyll": 2.0, "wavelength": 530.0, **numbers}
-    scenario = State(PAPER).moved(moved).scenario
-    text, program = as_toml(scenario), as_python(scenario)
+    moved = {"water": controls.CASE_1, "chlorophyll": 2.0, "wavelength": 530.0, **numbers}
+    scenario = controls.State(PAPER).moved(moved).scenario
+    text, program = readings.as_toml(scenario), readings.as_python(scenario)
     assert Scenario.from_toml(text) == scenario
     assert ("chlorophyll = 2.0" in text) == ("Constituents(chlorophyll=2.0)" in program)
     assert ("chlorophyll = 2.0" in text) == (not numbers)
@@ -301,8 +297,8 @@ def test_both_texts_of_water_by_chlorophyll_describe_it(numbers):
 
 @given(moves)
 def test_the_program_of_a_state_makes_the_same_link_and_sea(values):
-    scenario = State(GREEN).moved(values).scenario
-    lines = as_python(scenario)
+    scenario = controls.State(GREEN).moved(values).scenario
+    lines = readings.as_python(scenario)
     made = {}
     exec(lines[: lines.index("result = ")], made)
     assert made["link"] == scenario.link
@@ -310,8 +306,8 @@ def test_the_program_of_a_state_makes_the_same_link_and_sea(values):
 
 
 def test_the_program_prints_the_gain_and_the_error_rate(capsys):
-    state = State(PAPER).moved({"bit_rate": 5.0, "depth": 20.0})
-    exec(compile(as_python(state.scenario), "program", "exec"), {})
+    state = controls.State(PAPER).moved({"bit_rate": 5.0, "depth": 20.0})
+    exec(compile(readings.as_python(state.scenario), "program", "exec"), {})
     result = mt.simulate(state.scenario, photons=10_000)
     printed = capsys.readouterr().out
     assert f"{result.gain:.4e}" in printed
@@ -324,13 +320,15 @@ def test_the_program_prints_the_gain_and_the_error_rate(capsys):
 @pytest.mark.parametrize("light", ["clear", "overcast", "moon", "night"])
 def test_the_texts_of_a_link_by_day_name_the_model_of_its_light(light):
     """Irradiances once stood in both texts: a changed sun changed nothing."""
-    scenario = State(PAPER).moved({"light": light}).scenario
-    assert "direct" not in as_toml(scenario)
-    program = as_python(scenario)
+    scenario = controls.State(PAPER).moved({"light": light}).scenario
+    assert "direct" not in readings.as_toml(scenario)
+    program = readings.as_python(scenario)
     assert "direct" not in program
     day = re.search(r"mt\.Daylight\.\w+\(\)", program)[0]
     assert eval(day, {"mt": mt}) == scenario.daylight
-    sun = Scenario.from_toml(as_toml(scenario).replace("zenith_deg = 30.0", "zenith_deg = 70.0"))
+    sun = Scenario.from_toml(
+        readings.as_toml(scenario).replace("zenith_deg = 30.0", "zenith_deg = 70.0")
+    )
     changed = sun.daylight.irradiance / scenario.daylight.irradiance
     assert (changed < 0.5) == (light != "night")
 
@@ -345,15 +343,15 @@ def test_objects_of_no_public_class_are_read_from_a_link_file(tmp_path, monkeypa
     monkeypatch.syspath_prepend(tmp_path)
     scenario = Scenario.from_toml('[water.phase]\nkind = "my_phase:Even"', trust=True)
     made = {}
-    program = as_python(scenario)
+    program = readings.as_python(scenario)
     exec(program[: program.index("print(")], made)
     assert made["scenario"] == scenario
 
 
 def test_slider_ranges_hold_the_value():
-    for control in CONTROLS:
+    for control in controls.CONTROLS:
         for value in (control.low / 3.0, control.low, 0.5 * control.high, 7.0 * control.high):
-            low, high = slider_range(control, value)
+            low, high = controls.slider_range(control, value)
             assert low <= value <= high
 
 

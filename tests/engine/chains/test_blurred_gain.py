@@ -13,11 +13,10 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
-from meshtrace.engine.chains.sets import Request
+from meshtrace.engine.chains import sets
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.photons.joined import JoinedPhotons
-from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.photons import joined
+from meshtrace.engine.setup import ends, meshing
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces import Band, Elfouhaily, FlatSea, JonswapSea, SpectralSea
@@ -48,7 +47,7 @@ def mean_of(scores):
 
 def searched(forced, aimed, order, chains, receiver=0):
     """Return mean and standard error of chains whose crossings are searched."""
-    drawn = forced.drawer.draw(Request(0, order, chains // SHIFTS, (7, 0, order, 1)))
+    drawn = forced.drawer.draw(sets.Request(0, order, chains // SHIFTS, (7, 0, order, 1)))
     aimed.blurred = False
     found = mean_of(aimed.aim(0, receiver, drawn).score)
     aimed.blurred = True
@@ -134,7 +133,7 @@ def test_chains_that_try_crossings_against_searched_ones(omega_max):
     forced = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6), scattered="chains")
     aimed = forced.planner.aim_over(mesh)
     for order in (0, 1, 3):
-        drawn = forced.drawer.draw(Request(0, order, 1024, (9, 0, order, 1)))
+        drawn = forced.drawer.draw(sets.Request(0, order, 1024, (9, 0, order, 1)))
         for r in range(2):
             mean, stderr = mean_of(aimed.aim(0, r, drawn).score)
             other, other_stderr = searched(forced, aimed, order, 4096, r)
@@ -161,7 +160,7 @@ def test_arrivals_add_up_to_the_gain():
 def test_narrow_tilts_are_sampled(link, variance):
     """Tilts too narrow for the integration are drawn with chains, and the result says so."""
     sea = JonswapSea(wind_speed=5.0, seed=4, mss="band")
-    made, _ = mesh_for(link, sea, reach=crossing_reach(link))
+    made, _ = meshing.mesh_for(link, sea, reach=ends.crossing_reach(link))
     rough = UnresolvedSlopes(variance, variance, 20.0)
     mesh = mt.TriangleMesh(made.vertices, made.faces, made.vertex_normals, rough)
     result = mt.simulate(link, mesh, photons=4096, seed=1)
@@ -225,15 +224,15 @@ def test_meshes_resolve_the_shortest_waves():
     link = mt.Link()
     for omega_max, most in ((4.0, 15_000), (24.0, 60_000)):
         sea = sea_of(omega_max)
-        mesh, _ = mesh_for(link, sea, reach=crossing_reach(link), per_wave=0.9)
+        mesh, _ = meshing.mesh_for(link, sea, reach=ends.crossing_reach(link), per_wave=0.9)
         x = np.unique(mesh.vertices[:, 0])
         shortest = np.hypot(sea.components.kx, sea.components.ky).max()
         assert np.diff(x).min() * shortest <= 0.91
         assert len(mesh.faces) < most
         assert (np.diff(x)[1:] / np.diff(x)[:-1]).max() < 1.11
-    default, _ = mesh_for(link, JonswapSea(), reach=crossing_reach(link))
+    default, _ = meshing.mesh_for(link, JonswapSea(), reach=ends.crossing_reach(link))
     assert np.diff(np.unique(default.vertices[:, 0])).min() > 0.09
-    given, _ = mesh_for(link, sea, mt.Meshing(spacing=0.2), reach=crossing_reach(link))
+    given, _ = meshing.mesh_for(link, sea, mt.Meshing(spacing=0.2), reach=ends.crossing_reach(link))
     assert np.diff(np.unique(given.vertices[:, 0])).min() > 0.19
 
 
@@ -242,7 +241,7 @@ def test_the_default_mesh_resolves_a_gain_to_one_per_cent():
     forced = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6))
     for seed in range(8):
         sea = sea_of(16.0, seed, d_omega=0.6)
-        mesh, _ = mesh_for(link, sea, reach=crossing_reach(link))
+        mesh, _ = meshing.mesh_for(link, sea, reach=ends.crossing_reach(link))
         fine = sea.mesh(extent=6.0, spacing=0.009, fine_extent=0.8, coarse_spacing=0.1)
         gains = [forced.planner.aim_over(m).direct_gains(0, 0).sum() for m in (mesh, fine)]
         errors.append(gains)
@@ -277,7 +276,7 @@ def test_large_apertures_beside_the_critical_angle(x, height):
     )
     mesh = sea_of(4.0).mesh(extent=18.0, spacing=0.4)
     aimed = ForcedDetection(link, 64, 1, sea=TypicalSea(0.6)).planner.aim_over(mesh)
-    photons = JoinedPhotons(link, 1_000_000, 1, direct=True).evaluate(mesh)
+    photons = joined.JoinedPhotons(link, 1_000_000, 1, direct=True).evaluate(mesh)
     gain, mean, stderr = (
         aimed.direct_gains(0, 0).sum(),
         photons.parts[0, 0],

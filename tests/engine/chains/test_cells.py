@@ -8,19 +8,16 @@ from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
 from meshtrace.engine.chains import cells
-from meshtrace.engine.setup.arrays import locator, surface_arrays
-from meshtrace.engine.setup.ends import forced_link
-from meshtrace.kernels.jit import entry
-from meshtrace.kernels.rays import is_free
-from meshtrace.kernels.vectors import Vec2, row
+from meshtrace.engine.setup import arrays, ends
+from meshtrace.kernels import jit, rays, vectors
 from meshtrace.surfaces import SinusoidalSea
 
 
-@entry
+@jit.entry
 def _overlaps(triangles, x, y, half, poly, out):
     for i in range(len(triangles)):
         t = triangles[i]
-        a, b, c = Vec2(t[0], t[1]), Vec2(t[2], t[3]), Vec2(t[4], t[5])
+        a, b, c = vectors.Vec2(t[0], t[1]), vectors.Vec2(t[2], t[3]), vectors.Vec2(t[4], t[5])
         out[i, 0], out[i, 1], out[i, 2] = cells._overlap(a, b, c, x, y, half, poly)
 
 
@@ -69,17 +66,19 @@ def test_an_image_at_a_caustic_lies_in_one_cell():
     assert shares == [1.0, 0.0]
 
 
-@entry
+@jit.entry
 def _free(origins, directions, lengths, surface, grid, out):
     for i in range(len(lengths)):
-        out[i] = is_free(row(origins, i), row(directions, i), lengths[i], surface, grid)
+        out[i] = rays.is_free(
+            vectors.row(origins, i), vectors.row(directions, i), lengths[i], surface, grid
+        )
 
 
 def test_nothing_cuts_paths_that_leave_the_mesh():
     mesh = SinusoidalSea(amplitude=0.3, wavelength=2.5, phase=0.4).mesh(0.0, 6.0, 0.25)
-    surface = surface_arrays(mesh, "vertex")
-    target = forced_link(mt.Link()).targets[0]._replace(reach=math.inf)
-    grid = locator(surface, [target])
+    surface = arrays.surface_arrays(mesh, "vertex")
+    target = ends.forced_link(mt.Link()).targets[0]._replace(reach=math.inf)
+    grid = arrays.locator(surface, [target])
     rng = np.random.default_rng(3)
     start, end = rng.uniform(-1.0, 1.0, (2, 5000, 3)) * (5.5, 5.5, 1.5)
     way = end - start

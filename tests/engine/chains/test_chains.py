@@ -9,16 +9,14 @@ from mc_statistics import ALPHA, chi2_test, sidak, z_test
 from scipy import integrate, stats
 
 import meshtrace as mt
+from meshtrace.engine import crossing
+from meshtrace.engine.chains import gain, sets
 from meshtrace.engine.chains import sampling as kernel
-from meshtrace.engine.chains.gain import flat_crossings
-from meshtrace.engine.chains.sets import CROSSINGS, ChainDrawer, Request
-from meshtrace.engine.chains.sets import nominal as nominal_of
-from meshtrace.engine.crossing import FLAT
-from meshtrace.engine.setup.arrays import medium_arrays, with_raster
+from meshtrace.engine.setup import arrays
 from meshtrace.engine.setup.ends import emitter_of, forced_link, target_of
-from meshtrace.kernels.jit import entry
+from meshtrace.kernels import jit, vectors
 from meshtrace.kernels.medium import absorption_path, scattering_path
-from meshtrace.kernels.vectors import minus, norm, row
+from meshtrace.kernels.vectors import row
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces import FlatSea, JonswapSea
 
@@ -27,8 +25,8 @@ N = 200_000
 
 def make(link, order, n=N, seed=1, crest=0.0, free=None):
     """Return nominal, chains and their components; `free`: all free paths, or all unstretched."""
-    medium = medium_arrays(link, crest=5.0)
-    nominal = nominal_of(medium, emitter_of(link.transmitter), [target_of(link.receiver)], crest)
+    medium = arrays.medium_arrays(link, crest=5.0)
+    nominal = sets.nominal(medium, emitter_of(link.transmitter), [target_of(link.receiver)], crest)
     rng = np.random.default_rng([seed, order])
     u = rng.random((n, 3 * order + 4))
     if free is None:
@@ -231,12 +229,12 @@ def test_points_fill_the_disk():
 # ---- optical paths ---------------------------------------------------------------------------
 
 
-@entry
+@jit.entry
 def _paths(medium, ends, out):
     for i in range(len(ends)):
         ray = ends[i].reshape(2, 3)
         p, q = row(ray, 0), row(ray, 1)
-        length = norm(minus(q, p))
+        length = vectors.norm(vectors.minus(q, p))
         out[i, 0] = absorption_path(medium, p.z, q.z, length)
         out[i, 1] = scattering_path(medium, p, q, length)
 
@@ -274,7 +272,7 @@ def test_paths_in_homogeneous_water(medium):
 
 def test_paths_in_layers():
     water = mt.Water(layers=LAYERS)
-    got = paths(medium_arrays(mt.Link(water=water)), ENDS)
+    got = paths(arrays.medium_arrays(mt.Link(water=water)), ENDS)
     expected = [[quad(lambda p, k=k: water.profile(-p[2])[k], r) for k in (0, 1)] for r in ENDS]
     np.testing.assert_allclose(got, expected, rtol=2e-5)
 
@@ -284,7 +282,7 @@ def test_paths_in_layers():
 def test_paths_through_bubbles_below_still_water(wind_speed, mode):
     bubbles = mt.HallNovarini(wind_speed=wind_speed, depth=mode)
     water = mt.Water(layers=LAYERS)
-    medium = medium_arrays(mt.Link(water=water, bubbles=bubbles), crest=1.0)
+    medium = arrays.medium_arrays(mt.Link(water=water, bubbles=bubbles), crest=1.0)
     rows = [*ENDS, (0.0, 0.0, -4.0, 0.5, 0.0, 0.7)]
 
     def scatter(p):
@@ -302,7 +300,7 @@ def test_paths_through_bubbles_below_waves():
     sea = JonswapSea(wind_speed=13.0, seed=2, waves="paper")
     mesh = sea.mesh(extent=12.0, spacing=0.1)
     link = mt.Link(bubbles=bubbles)
-    medium = with_raster(medium_arrays(link), mt.EmbreeIntersector(mesh, 1))
+    medium = arrays.with_raster(arrays.medium_arrays(link), mt.EmbreeIntersector(mesh, 1))
     ends = []
     rng = np.random.default_rng(1)
     for x, y, dx, dy in rng.uniform(-2.0, 2.0, (12, 4)):
@@ -327,10 +325,10 @@ def test_local_depth_on_a_flat_sea_is_the_clamped_depth():
         rows = np.array(ENDS)
         rows[:, [2, 5]] += height
         media = [
-            medium_arrays(mt.Link(bubbles=mt.HallNovarini(wind_speed=13.0, depth=mode)))
+            arrays.medium_arrays(mt.Link(bubbles=mt.HallNovarini(wind_speed=13.0, depth=mode)))
             for mode in ("local", "clamped")
         ]
-        local = paths(with_raster(media[0], mt.EmbreeIntersector(mesh, 1)), rows)
+        local = paths(arrays.with_raster(media[0], mt.EmbreeIntersector(mesh, 1)), rows)
         clamped = paths(media[1], ENDS)
         np.testing.assert_allclose(local, clamped, rtol=1e-6)
 
@@ -344,9 +342,9 @@ def test_chains_that_turn_gently_cross_a_flat_sea_once(lamp, receiver):
     """All starts of the search find the same crossing, so that the first one is enough."""
     n, rng = 3200, np.random.default_rng(11)
     link = forced_link(mt.Link(transmitter=mt.Led(**lamp), receiver=mt.Receiver(**receiver)))
-    drawer = ChainDrawer(link, 0.0, 0.0)
+    drawer = sets.ChainDrawer(link, 0.0, 0.0)
     (starts, scene, raised), depth = drawer._still_water(0, 0), -link.emitters[0].position.z
-    chains = drawer.empty(Request(source=0, order=1, per_shift=n // SHIFTS, key=())).chains
+    chains = drawer.empty(sets.Request(source=0, order=1, per_shift=n // SHIFTS, key=())).chains
     for part in chains:
         part[:] = 0
     way, side = rng.normal(size=(2, n, 3))
@@ -359,8 +357,8 @@ def test_chains_that_turn_gently_cross_a_flat_sea_once(lamp, receiver):
     chains.disk[:] = rng.uniform(-0.7, 0.7, (n, 2))
     found = np.full((len(starts), n, 2), np.nan)
     for k, point in enumerate(found):
-        flat = np.zeros((n, CROSSINGS), FLAT)
-        flat_crossings(chains, starts[k : k + 1], scene, raised, flat)
+        flat = np.zeros((n, sets.CROSSINGS), crossing.FLAT)
+        gain.flat_crossings(chains, starts[k : k + 1], scene, raised, flat)
         lit = flat["branch"][:, 0] > 0.0
         point[lit] = np.stack([flat["x"], flat["y"]], axis=-1)[lit, 0]
     found = found[:, ~np.isnan(found).all(axis=(0, 2))]

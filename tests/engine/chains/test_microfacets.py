@@ -10,41 +10,46 @@ from scipy.stats import ncx2
 from scipy.stats import norm as normal
 
 import meshtrace as mt
-from meshtrace.engine.chains.aimed import _disk_nodes, _rule
-from meshtrace.engine.chains.microfacets import _number_of_nodes, slope_towards, whitened
-from meshtrace.engine.crossing import land_sloped, straight_shot
-from meshtrace.kernels.interface import Roughness, slope_tilt
-from meshtrace.kernels.jit import allocating_entry
-from meshtrace.kernels.vectors import Vec2, Vec3, minus, norm, scaled
+from meshtrace.engine import crossing
+from meshtrace.engine.chains import aimed, microfacets
+from meshtrace.kernels import interface, jit, vectors
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.surfaces import FlatSea
 
 ROUGH = UnresolvedSlopes((0.02, 0.01), (0.02, 0.01), 40.0)
 
 
-@allocating_entry
+@jit.allocating_entry
 def towards(p, mesh_slope, goal, scene):
     """Return tilt, density, reflectance and flight of the slope that sends light to a point."""
-    at = Vec3(p[0], p[1], p[2])
-    way = minus(at, scene.emitter.position)
-    w = scaled(1.0 / norm(way), way)
+    at = vectors.Vec3(p[0], p[1], p[2])
+    way = vectors.minus(at, scene.emitter.position)
+    w = vectors.scaled(1.0 / vectors.norm(way), way)
     size = math.sqrt(1.0 + mesh_slope[0] ** 2 + mesh_slope[1] ** 2)
-    n = scaled(1.0 / size, Vec3(-mesh_slope[0], -mesh_slope[1], 1.0))
-    s = slope_towards(at, n, w, w, norm(way), Vec2(goal[0], goal[1]), scene)
+    n = vectors.scaled(1.0 / size, vectors.Vec3(-mesh_slope[0], -mesh_slope[1], 1.0))
+    s = microfacets.slope_towards(
+        at, n, w, w, vectors.norm(way), vectors.Vec2(goal[0], goal[1]), scene
+    )
     return s.tilt.x, s.tilt.y, s.density, s.aim.rho, s.aim.flight
 
 
-@allocating_entry
+@jit.allocating_entry
 def landing(p, slope_x, slope_y, scene):
     """Return where light crosses to through a slope, its reflectance and flight."""
-    m = land_sloped(Vec3(p[0], p[1], p[2]), slope_x, slope_y, straight_shot(0.0, 0.0, scene), scene)
+    m = crossing.land_sloped(
+        vectors.Vec3(p[0], p[1], p[2]),
+        slope_x,
+        slope_y,
+        crossing.straight_shot(0.0, 0.0, scene),
+        scene,
+    )
     return m.at.x, m.at.y, m.rho, m.flight
 
 
-@allocating_entry
+@jit.allocating_entry
 def there_and_back(roughness, x, y):
     """Return a slope after `slope_tilt` and `whitened`."""
-    u = whitened(roughness, slope_tilt(roughness, x, y))
+    u = microfacets.whitened(roughness, interface.slope_tilt(roughness, x, y))
     return u.x, u.y
 
 
@@ -87,14 +92,14 @@ def test_the_slope_sends_light_to_the_point(receiver, rough_mesh, scene_of):
 
 
 def test_whitened_slopes():
-    x, y = there_and_back(Roughness(0.2, 0.1, math.cos(0.3), math.sin(0.3)), 1.3, -0.4)
+    x, y = there_and_back(interface.Roughness(0.2, 0.1, math.cos(0.3), math.sin(0.3)), 1.3, -0.4)
     assert (x, y) == pytest.approx((1.3, -0.4), rel=1e-12)
 
 
 @pytest.mark.parametrize("blur", [0.1, 0.49, 0.51, 1.0, 2.5, 6.0, 20.0])
 def test_a_gaussian_spot_anywhere_on_the_disk(blur):
     """Share of a Gaussian within the disk: the noncentral chi-square law."""
-    points, shares, *_ = _rule(_disk_nodes(blur), False)
+    points, shares, *_ = aimed._rule(aimed._disk_nodes(blur), False)
     assert shares.sum() == pytest.approx(1.0, rel=1e-12)
     center = np.linspace(0.0, 1.0 + 3.0 / blur, 50)
     expected = ncx2.cdf(blur**2, 2, (center * blur) ** 2)
@@ -107,8 +112,8 @@ def test_a_gaussian_spot_anywhere_on_the_disk(blur):
 @pytest.mark.parametrize("rooted", [False, True])
 def test_a_gaussian_profile_anywhere_on_a_line(length, rooted):
     """Share of a Gaussian on an interval, by Gauss nodes of it or of the square root."""
-    rule = _rule(None, False)
-    n = _number_of_nodes.py_func(length, 1.0, rule)
+    rule = aimed._rule(None, False)
+    n = microfacets._number_of_nodes.py_func(length, 1.0, rule)
     v, weights = rule.nodes[n - 1, :n], rule.weights[n - 1, :n]
     x, weights = (v * v, 2.0 * v * weights) if rooted else (v, weights)
     center = np.linspace(-3.0, length + 3.0, 60)

@@ -10,9 +10,8 @@ from scipy.stats import t as student_t
 
 import meshtrace as mt
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import mesh_lines
-from meshtrace.kernels.interface import GAUSSIAN, over_gaussian
+from meshtrace.engine.setup import ends, meshing
+from meshtrace.kernels import interface
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.surfaces import FlatSea, GramCharlier, JonswapSea
 from meshtrace.surfaces.statistics import (
@@ -36,7 +35,7 @@ def rough(mesh, direction_deg=30.0):
 
 
 @cache
-def quadrature(link, variance, direction_deg, series=GAUSSIAN):
+def quadrature(link, variance, direction_deg, series=interface.GAUSSIAN):
     """Return the gain through a flat sea with random slopes, no scattering, by brute force.
 
     gain = sum over rays and slopes of I(w) exp(-a s) T p(t) d.(-t, 1) / d_z [lands inside].
@@ -44,7 +43,11 @@ def quadrature(link, variance, direction_deg, series=GAUSSIAN):
     n, lamp, receiver = link.water.n, link.transmitter, link.receiver
     x, weight_x = np.polynomial.hermite_e.hermegauss(24)
     g1, g2 = np.meshgrid(x, x, indexing="ij")
-    mass = np.outer(weight_x, weight_x) / (2.0 * math.pi) * over_gaussian.py_func(series, g1, g2)
+    mass = (
+        np.outer(weight_x, weight_x)
+        / (2.0 * math.pi)
+        * interface.over_gaussian.py_func(series, g1, g2)
+    )
     wind = math.radians(direction_deg)
     a, c = math.sqrt(variance[0]) * g1, math.sqrt(variance[1]) * g2
     tx, ty = math.cos(wind) * a - math.sin(wind) * c, math.sin(wind) * a + math.cos(wind) * c
@@ -273,7 +276,7 @@ def test_waves_that_no_mesh_resolves_are_told():
     """Up to 1000 rad/s at 5 m/s the gain was 2.4 times too large without a word."""
     link, sea = mt.Link(), JonswapSea(wind_speed=5.0, omega_max=1000.0)
     with pytest.warns(mt.DomainWarning, match="% of the slope variance .* gain is in doubt"):
-        mesh_lines(link, sea, reach=crossing_reach(link))
+        meshing.mesh_lines(link, sea, reach=ends.crossing_reach(link))
 
 
 # twice as far from the Gaussian slopes as those of any sea, to be told from them

@@ -10,18 +10,16 @@ from scipy import integrate
 import meshtrace as mt
 from meshtrace.engine.chains import unscattered as image
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.setup.ends import emitter_of
-from meshtrace.kernels.jit import entry
-from meshtrace.kernels.sources import intensity
-from meshtrace.kernels.vectors import Vec2, row
+from meshtrace.engine.setup import ends
+from meshtrace.kernels import jit, sources, vectors
 from meshtrace.surfaces import FlatSea, TiltedPlane
 
 
-@entry
+@jit.entry
 def _overlaps(triangles, r, out):
     for i in range(len(triangles)):
         t = triangles[i]
-        a, b, c = Vec2(t[0], t[1]), Vec2(t[2], t[3]), Vec2(t[4], t[5])
+        a, b, c = vectors.Vec2(t[0], t[1]), vectors.Vec2(t[2], t[3]), vectors.Vec2(t[4], t[5])
         out[i, 0], center = image.disk_overlap(a, b, c, r)
         out[i, 1], out[i, 2] = center.x, center.y
 
@@ -118,11 +116,11 @@ def test_overlaps_of_a_tiling_add_up_to_the_disk():
     np.testing.assert_allclose((out[:, :1] * out[:, 1:]).sum(axis=0), 0.0, atol=1e-12)
 
 
-@entry
+@jit.entry
 def _angles(triangles, out):
     for i in range(len(triangles)):
         t = triangles[i].reshape(3, 3)
-        out[i] = image.solid_angle(row(t, 0), row(t, 1), row(t, 2))
+        out[i] = image.solid_angle(vectors.row(t, 0), vectors.row(t, 1), vectors.row(t, 2))
 
 
 def solid_angle(triangles):
@@ -155,10 +153,10 @@ def test_solid_angles():
     assert z_test(share, stderr, expected) > ALPHA
 
 
-@entry
+@jit.entry
 def _intensities(emitter, w, out):
     for i in range(len(w)):
-        out[i] = intensity(emitter, row(w, i))
+        out[i] = sources.intensity(emitter, vectors.row(w, i))
 
 
 SOURCES = [
@@ -174,7 +172,7 @@ SOURCES = [
 
 def intensity_at(source, theta, phi=0.4):
     """Return the intensity at an angle from the axis of the source."""
-    emitter = emitter_of(source)
+    emitter = ends.emitter_of(source)
     axis = np.array(emitter.axis)
     e1 = np.cross(axis, (0.3, 0.9, 0.1))
     e1 /= np.linalg.norm(e1)

@@ -14,11 +14,10 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy import stats
 
 import meshtrace as mt
+from meshtrace.engine import correlated
 from meshtrace.engine.chains import aimed
-from meshtrace.engine.correlated import FrozenForced
 from meshtrace.engine.forced import ForcedDetection
-from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import mesh_for
+from meshtrace.engine.setup import ends, meshing
 from meshtrace.errors import DomainWarning
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.optics import fresnel_reflectance
@@ -157,7 +156,7 @@ def test_light_much_narrower_than_the_aperture(radius, fov_deg, deviation):
 def test_views_that_end_within_the_aperture_over_waves(wind_speed, fov_deg, radius, height):
     """Once 6.1 % low and 4.2 % high without an error; for the last two no answer came."""
     link, sea = wide_link(fov_deg, radius, height), JonswapSea(wind_speed=wind_speed, seed=1)
-    mesh = mesh_for(link, sea, reach=crossing_reach(link))[0]
+    mesh = meshing.mesh_for(link, sea, reach=ends.crossing_reach(link))[0]
     found = mt.simulate(link, mesh, seed=1)
     photons = mt.simulate(link, mesh, estimator="analog", photons=1_000_000, seed=2)
     error = math.hypot(found.gain_stderr, photons.gain_stderr)
@@ -173,7 +172,7 @@ def test_links_that_scatter_have_the_error_of_the_quadrature(monkeypatch):
     found = ForcedDetection(wide, 64, 1, scattered="chains").evaluate(mesh)
     assert found.stderr[0] > 0.099 * found.ballistic[0]
     narrow = wide_link(10.0).replace(water=water)
-    direct = FrozenForced(narrow, 64, 1).parts(narrow, mesh)[1][0]
+    direct = correlated.FrozenForced(narrow, 64, 1).parts(narrow, mesh)[1][0]
     assert abs(direct.mean() - still_gain(narrow)) < 3.0 * error_of_groups(direct)
 
 
@@ -214,12 +213,12 @@ def random_link(rng):
 def random_mesh(rng, link, seed):
     """Return still water with random slopes, or waves of 2 to 14 m/s."""
     if rng.random() < 0.25:
-        half = min(crossing_reach(link) + 10.0, 30.0)
+        half = min(ends.crossing_reach(link) + 10.0, 30.0)
         variances = tuple((10.0 ** rng.uniform(-2.7, -1.3, 2)).tolist())
         direction = float(rng.uniform(0, 360))
         return rough_still_water(half / 40.0, variances, 2.0 * half, direction)
     sea = JonswapSea(wind_speed=float(rng.uniform(2, 14)), seed=seed)
-    return mesh_for(link, sea, reach=crossing_reach(link))[0]
+    return meshing.mesh_for(link, sea, reach=ends.crossing_reach(link))[0]
 
 
 @pytest.mark.parametrize(
@@ -260,7 +259,7 @@ def test_the_error_over_smooth_facets_is_that_of_finer_parts():
     )
     for k in range(48):
         link = random_link(rng)
-        mesh = mesh_for(link, surfaces[k % 4], reach=crossing_reach(link))[0]
+        mesh = meshing.mesh_for(link, surfaces[k % 4], reach=ends.crossing_reach(link))[0]
         smooth = mt.TriangleMesh(mesh.vertices, mesh.faces, mesh.vertex_normals)
         forced = ForcedDetection(link, 64, 1, scattered="chains")
         gains = forced.evaluate(smooth)

@@ -8,7 +8,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace import Vertex
-from meshtrace.engine.photons.analog import run_analog
+from meshtrace.engine.photons import analog
 from meshtrace.errors import Refused
 from meshtrace.surfaces import FlatSea, JonswapSea
 
@@ -68,7 +68,7 @@ class Counted(mt.BruteForceIntersector):
 def test_the_intersector_of_a_user_traces_in_any_units(k):
     link, mesh = moved(k)
     own, embree = Counted(mesh), mt.EmbreeIntersector(mesh, 1)
-    found, expected = (run_analog(link, i, photons=512, seed=5) for i in (own, embree))
+    found, expected = (analog.run_analog(link, i, photons=512, seed=5) for i in (own, embree))
     assert sum(own.calls) > 500
     assert found.score.sum() > 0.0
     np.testing.assert_array_equal(found.score, expected.score)

@@ -7,12 +7,11 @@ import pytest
 from mc_statistics import sidak, z_test
 
 import meshtrace as mt
-from meshtrace.engine.photons.joined import JoinedPhotons
-from meshtrace.engine.setup.ends import crossing_reach
-from meshtrace.engine.setup.meshing import mesh_for, mesh_lines
+from meshtrace.engine.photons import joined
+from meshtrace.engine.setup import ends, meshing
 from meshtrace.engine.setup.options import resolve
 from meshtrace.errors import Refused
-from meshtrace.kernels.tally import REFLECTED, SCATTERED
+from meshtrace.kernels import tally
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.surfaces import FlatSea, JonswapSea
 
@@ -62,7 +61,7 @@ DOWN = mt.Link(
 
 
 def mesh_of(link, sea):
-    return mesh_for(link, sea, reach=crossing_reach(link))[0]
+    return meshing.mesh_for(link, sea, reach=ends.crossing_reach(link))[0]
 
 
 def traced(link, mesh, photons):
@@ -82,7 +81,7 @@ def test_analog_photons_agree(name):
     """With light reflected first, and without; unscattered light sampled where slopes are random."""
     link, sea = UP[name]
     mesh = mesh_of(link, sea)
-    found = JoinedPhotons(link, 60_000, 3, direct=True).evaluate(mesh)
+    found = joined.JoinedPhotons(link, 60_000, 3, direct=True).evaluate(mesh)
     whole, once = traced(link, mesh, 400_000)
     parts, error = found.parts[:, 0], found.part_stderr[:, 0]
     if sea is FLAT:
@@ -92,7 +91,7 @@ def test_analog_photons_agree(name):
         z_test(parts[:2].sum(), math.hypot(*error[:2]), *once),
     ]
     assert min(p) > sidak(ALPHA, 2 * len(UP)), (parts, error, whole, once)
-    assert parts[REFLECTED] > 2.0 * error[REFLECTED] > 0.0
+    assert parts[tally.REFLECTED] > 2.0 * error[tally.REFLECTED] > 0.0
 
 
 PEAKED = {
@@ -123,7 +122,7 @@ def test_peaked_scattering_into_wide_apertures(name):
     """Directions drawn about a target and points of a connection are independent."""
     link, sea = PEAKED[name]
     mesh = mesh_of(link, sea)
-    found = JoinedPhotons(link, 150_000, 3).evaluate(mesh)
+    found = joined.JoinedPhotons(link, 150_000, 3).evaluate(mesh)
     gain = found.parts[1:, 0].sum() + mt.simulate(link, mesh, photons=64).gain_ballistic
     error = math.hypot(*found.part_stderr[1:, 0])
     whole = mt.simulate(link, mesh, "analog", photons=600_000, seed=2)
@@ -137,7 +136,7 @@ def test_photons_run_backwards_from_a_receiver_above_a_bottom(sea):
     """Scattered light, by the bottom too: all that is not unscattered."""
     link = DOWN.replace(water=DIM, physics=KILL).replace("receiver.tilt_deg", 85.0)
     mesh = mesh_of(link, sea)
-    found = JoinedPhotons(link, 200_000, 3).evaluate(mesh)
+    found = joined.JoinedPhotons(link, 200_000, 3).evaluate(mesh)
     whole = mt.simulate(link, mesh, "analog", photons=2_000_000, seed=2, roulette=1e-3)
     direct = mt.simulate(link, mesh, photons=64).gain_ballistic
     gain, error = found.parts[1, 0] + direct, found.part_stderr[1, 0]
@@ -151,15 +150,15 @@ def test_photons_run_backwards_from_a_receiver_above_a_bottom(sea):
 def test_photons_run_backwards_from_a_receiver_in_the_water(sea):
     """Both analog runs have the same photons: their difference is that of those reflected first."""
     mesh, n = mesh_of(DOWN, sea), 200_000
-    found = JoinedPhotons(DOWN, 60_000, 3, first=2).evaluate(mesh)
+    found = joined.JoinedPhotons(DOWN, 60_000, 3, first=2).evaluate(mesh)
     (whole, error), (once, its_error) = traced(DOWN, mesh, n)
     share = whole - once
     # no photon counts in both parts: their covariance is minus the product of their means
     error = math.sqrt(error**2 - its_error**2 + 2.0 * once * share / n)
     assert error < 0.1 * share
-    p = z_test(found.parts[REFLECTED, 0], found.part_stderr[REFLECTED, 0], share, error)
+    p = z_test(found.parts[tally.REFLECTED, 0], found.part_stderr[tally.REFLECTED, 0], share, error)
     assert p > sidak(ALPHA, 2)
-    assert found.parts[REFLECTED, 0] > 10.0 * found.part_stderr[REFLECTED, 0]
+    assert found.parts[tally.REFLECTED, 0] > 10.0 * found.part_stderr[tally.REFLECTED, 0]
 
 
 def laser(wind_speed, radius):
@@ -186,7 +185,7 @@ def laser(wind_speed, radius):
 def test_a_laser_over_waves():
     """The gain of an independent program of forward photons over the same sea: 1.590(5)e-6."""
     link, sea = laser(8.0, 0.05)
-    found = JoinedPhotons(link, 50_000, 1, direct=True).evaluate(mesh_of(link, sea))
+    found = joined.JoinedPhotons(link, 50_000, 1, direct=True).evaluate(mesh_of(link, sea))
     error = math.hypot(*found.part_stderr[:, 0])
     assert error < 0.015 * 1.590e-6
     assert z_test(found.parts.sum(), error, 1.590e-6, 0.005e-6) > ALPHA
@@ -198,7 +197,7 @@ def test_a_laser_over_low_waves():
     """Against analog photons; one photon in twelve counts, by the squares of the scores."""
     link, sea = laser(3.0, 0.5)
     mesh = mesh_of(link, sea)
-    found = JoinedPhotons(link, 100_000, 1, direct=True).evaluate(mesh)
+    found = joined.JoinedPhotons(link, 100_000, 1, direct=True).evaluate(mesh)
     assert found.samples_of(1)[0].effective > 8_000
     _, once = traced(link, mesh, 2_000_000)
     assert z_test(found.parts[:2].sum(), math.hypot(*found.part_stderr[:2, 0]), *once) > ALPHA
@@ -207,7 +206,7 @@ def test_a_laser_over_low_waves():
 @pytest.mark.parametrize("sea", [FLAT, WAVES], ids=["still", "waves"])
 def test_water_that_takes_and_turns_no_light(sea):
     link = mt.Link(water=mt.Water(a=0.0, b=0.0), transmitter=LAMP, receiver=WIDE)
-    found = JoinedPhotons(link, 20_000, 1, direct=True).evaluate(mesh_of(link, sea))
+    found = joined.JoinedPhotons(link, 20_000, 1, direct=True).evaluate(mesh_of(link, sea))
     assert found.parts[1, 0] == 0.0
     if sea is FLAT:
         return
@@ -219,12 +218,12 @@ def test_water_that_takes_and_turns_no_light(sea):
 def test_the_mesh_of_a_beam_is_cut_to_its_patch():
     """The same photons over the mesh of a wide source: 0.03 % of the gain in the mean of seas."""
     link, sea = laser(8.0, 0.05)
-    lines = mesh_lines(link, sea, reach=crossing_reach(link))
+    lines = meshing.mesh_lines(link, sea, reach=ends.crossing_reach(link))
     wide = {**lines, "extent": 24.0, "fine_extent": 8.3}
     meshes = sea.mesh(0.0, **lines), sea.mesh(0.0, **wide)
     assert len(meshes[0].faces) < 0.3 * len(meshes[1].faces)
     cut, whole = (
-        JoinedPhotons(link, 40_000, 1, direct=True).evaluate(mesh).groups[:2, 0].sum(axis=0)
+        joined.JoinedPhotons(link, 40_000, 1, direct=True).evaluate(mesh).groups[:2, 0].sum(axis=0)
         for mesh in meshes
     )
     change = (cut - whole) / whole.mean()
@@ -241,8 +240,8 @@ def test_stated_errors_are_those_of_the_scatter(sea):
 
     link = mt.Link(water=ISOTROPIC, transmitter=LAMP, receiver=WIDE)
     mesh = mesh_of(link, sea)
-    runs = [JoinedPhotons(link, 2048, s).evaluate(mesh) for s in range(64)]
-    for part in (1, REFLECTED):
+    runs = [joined.JoinedPhotons(link, 2048, s).evaluate(mesh) for s in range(64)]
+    for part in (1, tally.REFLECTED):
         gain = np.array([r.parts[part, 0] for r in runs])
         error = np.array([r.part_stderr[part, 0] for r in runs])
         square = ((gain - gain.mean()) ** 2).sum() / np.mean(error**2)
@@ -252,7 +251,7 @@ def test_stated_errors_are_those_of_the_scatter(sea):
 def test_results_do_not_depend_on_threads():
     link, sea = UP["waves"]
     mesh = mesh_of(link, sea)
-    one, two = (JoinedPhotons(link, 10_000, 1, threads=n).evaluate(mesh) for n in (1, 2))
+    one, two = (joined.JoinedPhotons(link, 10_000, 1, threads=n).evaluate(mesh) for n in (1, 2))
     assert np.array_equal(one.groups, two.groups)
     assert np.array_equal(one.orders, two.orders)
 
@@ -262,7 +261,9 @@ def test_the_order_of_receivers_changes_nothing():
     mesh = mesh_of(mt.Link(transmitter=LAMP, receiver=(one, other)), WAVES)
     water = mt.Water(a=0.1, b=0.0)
     gains = [
-        JoinedPhotons(mt.Link(water=water, transmitter=LAMP, receiver=r), 4096, 1, direct=True)
+        joined.JoinedPhotons(
+            mt.Link(water=water, transmitter=LAMP, receiver=r), 4096, 1, direct=True
+        )
         .evaluate(mesh)
         .parts[0]
         for r in ((one, other), (other, one))
@@ -273,7 +274,7 @@ def test_the_order_of_receivers_changes_nothing():
 
 def test_arrivals_add_up_to_the_gain():
     link, sea = UP["waves"]
-    found = JoinedPhotons(link, 4096, 1).evaluate(mesh_of(link, sea), record=True)
+    found = joined.JoinedPhotons(link, 4096, 1).evaluate(mesh_of(link, sea), record=True)
     (table,) = found.table
     weight, water, air = table.weight, table.water_path, table.air_path
     assert weight.sum() == pytest.approx(found.parts[:, 0].sum(), rel=1e-12)
@@ -284,15 +285,15 @@ def test_arrivals_add_up_to_the_gain():
 
 def test_nothing_is_reflected_where_it_is_ended():
     link, sea = UP["still"]
-    found = JoinedPhotons(link.replace(physics=KILL), 4096, 1).evaluate(mesh_of(link, sea))
+    found = joined.JoinedPhotons(link.replace(physics=KILL), 4096, 1).evaluate(mesh_of(link, sea))
     assert found.parts[1, 0] > 0.0
-    assert found.parts[REFLECTED, 0] == 0.0
+    assert found.parts[tally.REFLECTED, 0] == 0.0
 
 
 @pytest.mark.parametrize("form", [{"snell": "paper"}, {"second_hit": "ignore"}])
 def test_other_forms_are_refused(form):
     with pytest.raises(Refused, match="physics"):
-        JoinedPhotons(mt.Link(physics=mt.Physics(**form)), 64, 1)
+        joined.JoinedPhotons(mt.Link(physics=mt.Physics(**form)), 64, 1)
 
 
 @pytest.mark.statistical
@@ -325,7 +326,7 @@ def test_light_to_many_receivers_does_not_depend_on_the_guides():
             transmitter=mt.Led(depth=5.0),
             receiver=tuple(some),
         )
-        groups = JoinedPhotons(link, 1024, seed).evaluate(mesh).groups[SCATTERED]
+        groups = joined.JoinedPhotons(link, 1024, seed).evaluate(mesh).groups[tally.SCATTERED]
         light.append(groups[:: 2 if some is receivers else 1].mean(axis=0))
     means, errors = np.mean(light, axis=1), [error_of_groups(one) for one in light]
     assert z_test(means[0], math.hypot(*errors), means[1]) > ALPHA

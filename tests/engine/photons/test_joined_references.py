@@ -13,10 +13,10 @@ from scipy.stats import chi2
 
 import meshtrace as mt
 from meshtrace.engine.forced import ForcedDetection
-from meshtrace.engine.photons.joined import JoinedPhotons
-from meshtrace.engine.setup.arrays import angle_table
+from meshtrace.engine.photons import joined
+from meshtrace.engine.setup import arrays
 from meshtrace.errors import Refused
-from meshtrace.kernels.tally import SCATTERED
+from meshtrace.kernels import tally
 from meshtrace.stored import SHIFTS
 from meshtrace.surfaces import FlatSea, JonswapSea
 
@@ -85,13 +85,13 @@ class Scattered:
     """Scattered light of joined photons, without light that the surface reflects first."""
 
     def __init__(self, parts):
-        self.shifts = parts.groups[SCATTERED]
-        self.gain, self.stderr = parts.parts[SCATTERED], parts.part_stderr[SCATTERED]
-        self.orders, self.scored = parts.orders, parts.scored[SCATTERED]
+        self.shifts = parts.groups[tally.SCATTERED]
+        self.gain, self.stderr = parts.parts[tally.SCATTERED], parts.part_stderr[tally.SCATTERED]
+        self.orders, self.scored = parts.orders, parts.scored[tally.SCATTERED]
 
 
 def evaluate(link, photons, seed=1, mesh=FLAT, normals="vertex", threads=2):
-    return Scattered(JoinedPhotons(link, photons, seed, normals, threads).evaluate(mesh))
+    return Scattered(joined.JoinedPhotons(link, photons, seed, normals, threads).evaluate(mesh))
 
 
 def against_quadrature(case, photons, seed):
@@ -263,7 +263,7 @@ def test_no_scatterers_no_light():
     "phase", [mt.FournierForand(), mt.HenyeyGreenstein(g=0.9), mt.Petzold()], ids=lambda p: p.kind
 )
 def test_angle_table(phase):
-    table = angle_table(phase)
+    table = arrays.angle_table(phase)
     assert np.sum(table.beta * 2.0 * np.pi * -np.diff(np.cos(table.edge))) == pytest.approx(
         1.0, rel=2e-4
     )
@@ -296,5 +296,5 @@ def test_angle_table(phase):
 )
 def test_refuses_what_it_does_not_follow(link, field):
     with pytest.raises(Refused, match="allowed") as refused:
-        JoinedPhotons(link, 1000, 1)
+        joined.JoinedPhotons(link, 1000, 1)
     assert refused.value.field == field

@@ -8,8 +8,8 @@ from mc_statistics import sidak, z_test
 from scipy.stats import chi2
 
 import meshtrace as mt
-from meshtrace.engine.photons.joined import JoinedPhotons
-from meshtrace.kernels.tally import REFLECTED
+from meshtrace.engine.photons import joined
+from meshtrace.kernels import tally
 from meshtrace.surfaces import JonswapSea, SinusoidalSea
 
 pytestmark = [
@@ -73,7 +73,7 @@ def test_analog_photons_agree(name):
     """With light reflected first, and without; unscattered light is that of the facets."""
     link, sea, normals = CASES[name]
     mesh = mesh_of(sea)
-    found = JoinedPhotons(link, 40_000, 3, normals).evaluate(mesh)
+    found = joined.JoinedPhotons(link, 40_000, 3, normals).evaluate(mesh)
     parts, error = found.parts[:, 0], found.part_stderr[:, 0]
     parts[0] = mt.simulate(link, mesh, photons=4096, normals=normals).gain_ballistic
     options = {"photons": 400_000, "seed": 2, "normals": normals, "roulette": 1e-3}
@@ -85,18 +85,18 @@ def test_analog_photons_agree(name):
         z_test(parts[:2].sum(), math.hypot(*error[:2]), once.gain, once.gain_stderr),
     ]
     assert min(p) > sidak(ALPHA, 2 * len(CASES)), (parts, error, whole, once)
-    assert parts[REFLECTED] > 2.0 * error[REFLECTED] > 0.0
+    assert parts[tally.REFLECTED] > 2.0 * error[tally.REFLECTED] > 0.0
 
 
 def test_results_do_not_depend_on_threads():
     mesh = mesh_of(WAVES)
-    one, two = (JoinedPhotons(LINK, 10_000, 1, threads=n).evaluate(mesh) for n in (1, 2))
+    one, two = (joined.JoinedPhotons(LINK, 10_000, 1, threads=n).evaluate(mesh) for n in (1, 2))
     assert np.array_equal(one.groups, two.groups)
     assert np.array_equal(one.orders, two.orders)
 
 
 def test_arrivals_add_up_to_the_gain():
-    found = JoinedPhotons(LINK, 2048, 1).evaluate(mesh_of(WAVES), record=True)
+    found = joined.JoinedPhotons(LINK, 2048, 1).evaluate(mesh_of(WAVES), record=True)
     (table,) = found.table
     weight, water, air = table.weight, table.water_path, table.air_path
     assert weight.sum() == pytest.approx(found.parts[:, 0].sum(), rel=1e-12)
@@ -109,8 +109,8 @@ def test_arrivals_add_up_to_the_gain():
 def test_stated_errors_are_those_of_the_scatter():
     """Chi-square of 64 seeds about their mean, 63 degrees of freedom."""
     mesh = mesh_of(WAVES)
-    runs = [JoinedPhotons(LINK, 2048, s).evaluate(mesh) for s in range(64)]
-    for part in (1, REFLECTED):
+    runs = [joined.JoinedPhotons(LINK, 2048, s).evaluate(mesh) for s in range(64)]
+    for part in (1, tally.REFLECTED):
         gain = np.array([r.parts[part, 0] for r in runs])
         error = np.array([r.part_stderr[part, 0] for r in runs])
         square = ((gain - gain.mean()) ** 2).sum() / np.mean(error**2)

@@ -10,7 +10,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.optics import Petzold, Rayleigh
-from meshtrace.validation.closed_forms import wide_mesh
+from meshtrace.validation import closed_forms
 
 pytestmark = [
     pytest.mark.external,
@@ -47,7 +47,7 @@ def canonical_problem(albedo, phase, depths, **water):
 def light_of(link, photons, seed=41):
     """Return the irradiances of a problem at its planes; the ledger must close."""
     options = {"photons": photons, "seed": seed, "max_surface_events": 1000}
-    r = mt.simulate(link, wide_mesh(), estimator="analog", **options)
+    r = mt.simulate(link, closed_forms.wide_mesh(), estimator="analog", **options)
     assert sum(f.weight for f in r.fates.values()) == pytest.approx(1.0, abs=1e-12)
     names = [name + error for name in ("e_d", "e_u", "e_od", "e_ou") for error in ("", "_stderr")]
     return {name: E_AIR * getattr(r.planes, name) for name in names}

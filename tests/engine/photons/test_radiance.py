@@ -9,7 +9,7 @@ from scipy import stats
 
 import meshtrace as mt
 from meshtrace.results.tallies import Planes
-from meshtrace.validation.closed_forms import wide_mesh
+from meshtrace.validation import closed_forms
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning")
 
@@ -61,7 +61,7 @@ def deep_water(**planes):
 @pytest.fixture(scope="module")
 def field():
     link = deep_water(depths=(1e-4, 1.0), n_cosines=20, n_azimuths=6)
-    return mt.simulate(link, wide_mesh(), estimator="analog", photons=N, seed=5).planes
+    return mt.simulate(link, closed_forms.wide_mesh(), estimator="analog", photons=N, seed=5).planes
 
 
 def expected_upward(edges):
@@ -93,7 +93,12 @@ def test_standard_error_is_that_of_independent_runs():
     link = deep_water(depths=(0.5,), n_cosines=4, n_azimuths=1)
     runs = [
         mt.simulate(
-            link, wide_mesh(), estimator="analog", photons=2048, first_photon=2048 * k, seed=6
+            link,
+            closed_forms.wide_mesh(),
+            estimator="analog",
+            photons=2048,
+            first_photon=2048 * k,
+            seed=6,
         ).planes
         for k in range(60)
     ]
@@ -126,7 +131,7 @@ def test_a_bin_of_both_directions_has_the_projected_solid_angle_of_both():
 
 def test_coordinates_and_units_travel_with_the_radiance(tmp_path):
     link = deep_water(depths=(1.0,), n_cosines=4, n_azimuths=2)
-    r = mt.simulate(link, wide_mesh(), estimator="analog", photons=4096, seed=5)
+    r = mt.simulate(link, closed_forms.wide_mesh(), estimator="analog", photons=4096, seed=5)
     data = r.to_dataset()
     assert data["radiance"].attrs["units"] == "sr-1"
     assert data["radiance_stderr"].dims == ("plane", "cosine", "azimuth")
@@ -140,5 +145,5 @@ def test_coordinates_and_units_travel_with_the_radiance(tmp_path):
 
 def test_few_photons_have_no_error_of_the_radiance():
     link = deep_water(depths=(1.0,), n_cosines=2, n_azimuths=1)
-    r = mt.simulate(link, wide_mesh(), estimator="analog", photons=40, seed=5)
+    r = mt.simulate(link, closed_forms.wide_mesh(), estimator="analog", photons=40, seed=5)
     assert np.isnan(r.planes.radiance_stderr).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.engine.photons.analog import FixedPointSum, new_recorder, run_analog
+from meshtrace.engine.photons import analog
 from meshtrace.surfaces import JonswapSea
 
 pytestmark = pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
@@ -112,9 +112,9 @@ def intersector(mesh):
 @pytest.mark.parametrize("name", LINKS)
 def test_recording_paths_changes_nothing(intersector, name):
     link = LINKS[name]
-    plain = run_analog(link, intersector, photons=9000, seed=5, record=[mt.Arrivals()])
-    recorder = new_recorder(500, 40)
-    watched = run_analog(
+    plain = analog.run_analog(link, intersector, photons=9000, seed=5, record=[mt.Arrivals()])
+    recorder = analog.new_recorder(500, 40)
+    watched = analog.run_analog(
         link, intersector, photons=9000, seed=5, record=[mt.Arrivals()], recorder=recorder
     )
     assert recorder.length.min() >= 2
@@ -126,9 +126,9 @@ def test_recording_paths_changes_nothing(intersector, name):
 
 @pytest.mark.parametrize("name", LINKS)
 def test_recorded_paths_do_not_depend_on_batches(intersector, name):
-    recorders = [new_recorder(1000, 60) for _ in range(2)]
+    recorders = [analog.new_recorder(1000, 60) for _ in range(2)]
     for recorder, batch in zip(recorders, (4096, 65536), strict=True):
-        run_analog(
+        analog.run_analog(
             LINKS[name],
             intersector,
             photons=9000,
@@ -145,20 +145,22 @@ def test_recorded_paths_do_not_depend_on_batches(intersector, name):
 def test_a_photon_alone_is_the_photon_in_the_run(intersector, name):
     """Alone its slot, its neighbours and its ray batches are others; its fate is the same."""
     link, first, n = LINKS[name], 10_000, 48
-    ledger = FixedPointSum((len(mt.Fate),))
+    ledger = analog.FixedPointSum((len(mt.Fate),))
     score = np.zeros(0)
     for photon in range(first, first + n):
-        one = run_analog(
+        one = analog.run_analog(
             link, intersector, options=mt.Analog(first_photon=photon), photons=1, seed=8
         )
         score = np.vstack([score, one.score]) if score.size else one.score[None]
         assert one.count.sum() == 1
         ledger.add(np.round(one.ledger.value() * 2.0**44).astype(np.int64))
-    whole = run_analog(link, intersector, options=mt.Analog(first_photon=first), photons=n, seed=8)
+    whole = analog.run_analog(
+        link, intersector, options=mt.Analog(first_photon=first), photons=n, seed=8
+    )
     np.testing.assert_array_equal(score.sum(axis=0), whole.score)
     np.testing.assert_array_equal(ledger.value(), whole.ledger.value())
     # and in the middle of a long run: the arrivals carry the ids
-    long = run_analog(link, intersector, photons=30_000, seed=8, record=[mt.Arrivals()])
+    long = analog.run_analog(link, intersector, photons=30_000, seed=8, record=[mt.Arrivals()])
     rows = np.concatenate(long.arrivals)
     here = rows[(rows["photon"] >= first) & (rows["photon"] < first + n)]
     inside = np.zeros(score.shape)
@@ -174,7 +176,7 @@ def test_tallies_of_disjoint_photons_add(intersector):
 
     def tallies(first, photons):
         options = mt.Analog(first_photon=first)
-        return run_analog(link, intersector, options, photons=photons, seed=9, record=record)
+        return analog.run_analog(link, intersector, options, photons=photons, seed=9, record=record)
 
     whole, parts = tallies(0, 8192), [tallies(0, 4096), tallies(4096, 4096)]
     rows = [parts[0].of_row(one.to_row()) for one in parts]
@@ -239,9 +241,9 @@ def test_a_run_of_one_photon_may_be_merged(mesh, reference, name):
 
 def test_normals_and_intersector_leave_the_streams_alone(mesh):
     """Common random numbers: the first path of every photon is the same for both normals."""
-    recorders = [new_recorder(200, 3) for _ in range(2)]
+    recorders = [analog.new_recorder(200, 3) for _ in range(2)]
     for recorder, normals in zip(recorders, ("vertex", "facet"), strict=True):
-        run_analog(
+        analog.run_analog(
             LINKS["default"],
             mt.EmbreeIntersector(mesh, 1),
             photons=200,

@@ -10,7 +10,7 @@ import pytest
 from mc_statistics import ALPHA, sidak, z_test
 
 import meshtrace as mt
-from meshtrace.validation.closed_forms import slab_link, wide_mesh
+from meshtrace.validation import closed_forms
 
 # 0.002 of the light of a slab of 2 m wanders off by 100 m and more
 pytestmark = pytest.mark.filterwarnings("ignore:.*left the meshed surface:meshtrace.DomainWarning")
@@ -20,9 +20,9 @@ TABLE_ERROR = 5e-6  # the digits printed
 
 def light_of(thickness, albedo, g, n_water, n_air, photons, seed, absorption="continuous"):
     """Return reflectance and transmittance of a slab, each with its error, as in the ledger."""
-    link = slab_link(thickness, albedo, g, n_water, n_air, absorption)
+    link = closed_forms.slab_link(thickness, albedo, g, n_water, n_air, absorption)
     options = {"photons": photons, "seed": seed, "max_surface_events": 10_000}
-    r = mt.simulate(link, wide_mesh(), estimator="analog", **options)
+    r = mt.simulate(link, closed_forms.wide_mesh(), estimator="analog", **options)
     transmitted, error = float(r.planes.e_d[0]), float(r.planes.e_d_stderr[0])
     assert r.fates["received"].weight == pytest.approx(r.gain, rel=1e-9)
     assert r.fates["bottom"].weight == pytest.approx(transmitted, rel=1e-7)
@@ -60,8 +60,10 @@ def test_nothing_scattered_is_beer_lambert():
 
 def test_nothing_absorbed_is_all_reflected_or_transmitted():
     """Conservative slab of isotropic scatterers: R + T = 1."""
-    link = slab_link(10.0, 1.0, 0.0, 1.33, 1.33)
-    r = mt.simulate(link, wide_mesh(), estimator="analog", photons=30_000, seed=34, roulette=0.0)
+    link = closed_forms.slab_link(10.0, 1.0, 0.0, 1.33, 1.33)
+    r = mt.simulate(
+        link, closed_forms.wide_mesh(), estimator="analog", photons=30_000, seed=34, roulette=0.0
+    )
     assert r.gain + r.planes.e_d[0] == pytest.approx(1.0, abs=2e-4)
 
 
@@ -85,9 +87,11 @@ def test_giovanelli(absorption):
 
 def test_light_wanders_without_bias_sideways():
     """Mean x and y of what leaves a slab under the zenith sun are those of the sun's square."""
-    link = slab_link(2.0, 0.9, 0.75, 1.33, 1.33)
+    link = closed_forms.slab_link(2.0, 0.9, 0.75, 1.33, 1.33)
     grid = mt.IrradianceMap(height=1.0, extent=8.0, step=0.5)
-    r = mt.simulate(link, wide_mesh(), estimator="analog", photons=300_000, seed=36, record=[grid])
+    r = mt.simulate(
+        link, closed_forms.wide_mesh(), estimator="analog", photons=300_000, seed=36, record=[grid]
+    )
     light = r.map.irradiance
     x = r.map.x
     total = light.sum()

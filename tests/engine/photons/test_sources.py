@@ -7,38 +7,37 @@ import pytest
 from mc_statistics import ALPHA, chi2_test, sidak
 
 import meshtrace as mt
-from meshtrace.engine.setup.arrays import source_arrays
-from meshtrace.kernels.jit import allocating_entry
+from meshtrace.engine.setup import arrays
+from meshtrace.kernels import jit, vectors
 from meshtrace.kernels.random import uniforms
 from meshtrace.kernels.sources import cardioidal_cosine, lambert_reflection, launch
-from meshtrace.kernels.vectors import write
 
 TOP = 1.5
 SAMPLES = 400_000
 POLAR_BINS, AZIMUTH_BINS = 40, 24
 
 
-@allocating_entry
+@jit.allocating_entry
 def _launched(sources, n, seed):
     out = np.empty((n, 8))
     for i in range(n):
         p, d, source, out[i, 7] = launch(sources, seed, i)
         out[i, 6] = sources.in_water[source]
-        write(out[i, :3], p)
-        write(out[i, 3:6], d)
+        vectors.write(out[i, :3], p)
+        vectors.write(out[i, 3:6], d)
     return out
 
 
-@allocating_entry
+@jit.allocating_entry
 def _reflected(n, seed):
     out = np.empty((n, 3))
     for i in range(n):
         u0, u1, _, _ = uniforms(seed, i, 0, 5)
-        write(out[i], lambert_reflection(u0, u1))
+        vectors.write(out[i], lambert_reflection(u0, u1))
     return out
 
 
-@allocating_entry
+@jit.allocating_entry
 def _cardioidal(u):
     out = np.empty(len(u))
     for i in range(len(u)):
@@ -48,7 +47,7 @@ def _cardioidal(u):
 
 def launched(*sources, n=SAMPLES, seed=1):
     """Return positions, directions, media and spare uniforms of n photons."""
-    out = _launched(source_arrays(mt.Link(transmitter=sources), TOP), n, seed)
+    out = _launched(arrays.source_arrays(mt.Link(transmitter=sources), TOP), n, seed)
     return out[:, :3], out[:, 3:6], out[:, 6] == 1.0, out[:, 7]
 
 

@@ -7,11 +7,10 @@ import pytest
 from mc_statistics import ALPHA, chi2_test, sidak, z_test
 
 import meshtrace as mt
-from meshtrace.engine.setup.arrays import medium_arrays, with_raster
-from meshtrace.kernels.jit import allocating_entry
+from meshtrace.engine.setup import arrays
+from meshtrace.kernels import jit, vectors
 from meshtrace.kernels.medium import collide, sample_free_path
 from meshtrace.kernels.random import uniforms
-from meshtrace.kernels.vectors import Vec3
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.surfaces import FlatSea
 
@@ -30,7 +29,7 @@ LAYERS = (
 )
 
 
-@allocating_entry
+@jit.allocating_entry
 def _first_collisions(medium, z0, dz, n, seed):
     """Return the depth of the first real collision and the weight after it; nan: reached z = 0."""
     out = np.empty((n, 2))
@@ -40,11 +39,11 @@ def _first_collisions(medium, z0, dz, n, seed):
         while True:
             event += 1
             u_kind, u_theta, u_path, _ = uniforms(seed, i, event, 2)
-            s = sample_free_path(medium, Vec3(0.0, 0.0, z), u_path)
+            s = sample_free_path(medium, vectors.Vec3(0.0, 0.0, z), u_path)
             z += s * dz
             if not (-1e6 < z < 0.0):
                 break
-            turned, w, _ = collide(medium, Vec3(0.0, 0.0, z), 1.0, u_kind, u_theta)
+            turned, w, _ = collide(medium, vectors.Vec3(0.0, 0.0, z), 1.0, u_kind, u_theta)
             if turned >= 0.0 or w != 1.0:
                 out[i, 0], out[i, 1] = -z, w
                 break
@@ -54,7 +53,7 @@ def _first_collisions(medium, z0, dz, n, seed):
 def medium_of(water, bubbles=None, **physics):
     mesh = FlatSea().mesh(extent=10.0, spacing=1.0)
     link = mt.Link(water=water, bubbles=bubbles, physics=mt.Physics(**physics))
-    return with_raster(medium_arrays(link), mt.EmbreeIntersector(mesh, 1))
+    return arrays.with_raster(arrays.medium_arrays(link), mt.EmbreeIntersector(mesh, 1))
 
 
 def optical_depth(rate, z0, cos, depth):

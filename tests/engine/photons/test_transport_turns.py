@@ -6,33 +6,33 @@ import numpy as np
 import pytest
 from mc_statistics import ALPHA, chi2_test, sidak
 
-from meshtrace.kernels.jit import allocating_entry
-from meshtrace.kernels.medium import sample_s
+from meshtrace.kernels import jit, medium, vectors
 from meshtrace.kernels.random import uniforms
-from meshtrace.kernels.vectors import UP, Vec3, turn, write
 from meshtrace.optics import FournierForand, HenyeyGreenstein
 
 SAMPLES = 400_000
 
 
-@allocating_entry
+@jit.allocating_entry
 def _turned(tables, dx, dy, dz, n, seed):
     out = np.empty((n, 3))
     for i in range(n):
         _, u_theta, u_phi, _ = uniforms(seed, i, 1, 2)
-        write(out[i], turn(Vec3(dx, dy, dz), sample_s(tables, u_theta), u_phi))
+        vectors.write(
+            out[i], vectors.turn(vectors.Vec3(dx, dy, dz), medium.sample_s(tables, u_theta), u_phi)
+        )
     return out
 
 
-@allocating_entry
+@jit.allocating_entry
 def _after(tables, n, scatterings, seed):
     """Return the height of the direction after several scatterings of light that goes up."""
     out = np.empty(n)
     for i in range(n):
-        d = UP
+        d = vectors.UP
         for k in range(scatterings):
             _, u_theta, u_phi, _ = uniforms(seed, i, k + 1, 2)
-            d = turn(d, sample_s(tables, u_theta), u_phi)
+            d = vectors.turn(d, medium.sample_s(tables, u_theta), u_phi)
         out[i] = d.z
     return out
 
