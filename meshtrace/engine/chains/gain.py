@@ -3,12 +3,16 @@
 A chain (`sampling.Chains`) is a history of scatterings whose direction of emission w is free: it is
 turned about its source until its last segment, refracted by the surface at a crossing P, lands on a
 chosen point X of the aperture. Its contribution to the gain is |A| I(w) W dOmega/dX: A the area of
-the aperture, I the intensity of the source, W scatterings and transmittance, Omega the solid angle
-of w.
+the aperture [m2], I the intensity of the source [sr-1], W the product of scattering coefficients
+and transmittances over the density of the chain, Omega the solid angle of w.
 
-Newton starts from the crossings of a flat sea, which do not depend on the waves. An audit searches
-every facet for all crossings near that of a flat sea that land on one point. Chains at other
-wavelengths are sums over their ways and scatterings, see `kernels.tints`.
+Newton starts from the crossings of a flat sea, which do not depend on the waves. A random share of
+the chains is audited: every facet near the flat crossing is searched for further crossings that
+land on the same point. The weights of a chain at other wavelengths follow from its path alone: sums
+of logarithms over its segments and scatterings, see `kernels.tints`.
+
+Names are those of `crossing`: P, X, w, d, r, q, v. A chain is stored in the frame of its emission
+(along e_z from the origin), everything else is in the frame of the scene, z upwards.
 """
 
 from __future__ import annotations
@@ -60,18 +64,22 @@ from meshtrace.kernels.vectors import (
     write,
 )
 
-_FOCUSING = 0.5  # change of the landing point by curvature, over that by the way, from which a sea
-# focuses: there may be several crossings, and all facets are searched; tuned, time against noise
-_AUDIT_FAILED = 0.25  # share of chains without a solution whose facets are all searched: the same
+# As P moves, X moves with it, and by the change of slope: the ratio of the two is the curvature of
+# the sea [m-1] times the lever |dX/dslope| [m]. Near 1 the sea focuses and several crossings may
+# land on X. Above this ratio all facets are searched for every chain. Tuned: time against noise.
+_FOCUSING = 0.5
+# Share of the chains whose Newton fails for which all facets are searched. Tuned: time against
+# noise.
+_AUDIT_FAILED = 0.25
 
 ARRIVAL = record_type(
     [
-        ("chain", np.int64),
-        ("weight", float),
+        ("chain", np.int64),  # index of the score that it adds to
+        ("weight", float),  # what it adds to the gain
         ("water", float),  # path in the water [m]
-        ("air", float),
-        ("point", float, (3,)),  # crossing [m]
-        ("emission", float, (3,)),  # direction
+        ("air", float),  # path in the air [m]
+        ("point", float, (3,)),  # crossing P [m]
+        ("emission", float, (3,)),  # direction w
     ]
 )
 """Contribution of a chain to the aperture."""
@@ -80,35 +88,41 @@ ARRIVAL = record_type(
 class Output(NamedTuple):
     """Results of `contributions`, and a buffer for the crossings of one chain."""
 
-    score: NDArray[np.float64]  # (chains,)
-    arrivals: NDArray[np.void]  # ARRIVAL; no rows: not kept
+    score: NDArray[np.float64]  # (chains,) gain; (places * chains,) of `blurred_contributions`
+    arrivals: NDArray[np.void]  # ARRIVAL; those beyond its length are not recorded
     counters: NDArray[np.int64]  # by `Counter`
     roots: NDArray[np.void]  # ROOT
 
 
 class Crossing(NamedTuple):
-    """Crossing of a chain, and the light that it brings."""
+    """Crossing of a chain, and its contribution to the gain."""
 
-    weight: float  # contribution to the gain, if no wave cuts it off
-    steep: bool  # no wave can: its paths are steeper than all slopes, its vertices below troughs
+    weight: float  # contribution to the gain, if no wave cuts its path off
+    # No wave can cut the path off: both segments at P are steeper than every slope of the sea, and
+    # all vertices lie below its lowest trough.
+    steep: bool
     aim: crossing.Aim
     point: Vec3  # P [m]
-    start: Vec3  # of the chain
+    start: Vec3  # of the chain: a point of the source [m]
 
 
 class Counter(IntEnum):
-    """Outcomes of the search that are counted."""
+    """Index of each counted outcome of the search."""
 
-    SOLVED = 0  # crossings that Newton finds from those of a flat sea
+    SOLVED = 0  # crossings that Newton reaches from those of a flat sea, or that are sampled there
     NO_FLAT = 1  # chains without a crossing of a flat sea: no light
     ENUMERATED = 2  # searches of all facets
-    EXTRA_ROOTS = 3  # crossings that these add
+    EXTRA_ROOTS = 3  # crossings that these searches add
     BLOCKED = 4  # crossings whose paths other waves cut off
 
 
 @inlined
 def shot_of(chains, i, scene, branch, roughness):
-    """Return the open segment of chain i and the point that it aims at."""
+    """Return the `Shot` of chain i: its open segment and the point that it aims at.
+
+    The same point (u, v) of the unit disk places the goal on the aperture and the start on an
+    extended source.
+    """
     u, v = chains.disk[i, 0], chains.disk[i, 1]
     goal = Vec2(scene.target.radius * u, scene.target.radius * v)
     tilt = slope_tilt(roughness, chains.tilt[i, 0], chains.tilt[i, 1])
@@ -118,28 +132,30 @@ def shot_of(chains, i, scene, branch, roughness):
 
 @entry
 def flat_crossings(chains, starts, still, raised, out):
-    """Write the flat-sea crossings (`FLAT` records) of each chain.
+    """Write the flat-sea crossings of each chain into `out` (chains, room), `FLAT` records.
 
     Array twin: `tests/engine/test_crossing.py`.
-    Flat crossings do not depend on the waves: they are the starts for every surface. `out` has
-    room for several of each chain; branch 0 ends them. Chains that turn by more than 66 degrees
-    or reach still water before their last scattering are searched from many `starts` (x, y) and
-    on both branches; the others have one crossing, found from below the receiver. A chain that
-    ends above still water is searched on a sea `raised` above every crest.
+    Flat crossings do not depend on the waves: they are the starts for every surface. A record of
+    branch 0 ends those of a chain. `starts` (n, 2) are the points (x, y) [m] from which Newton is
+    tried; a chain with one crossing at most stops at the first success. `still` is the scene with
+    the flat sea at the mean level, z = 0, `raised` that with one above every crest, which is tried for chains
+    without a crossing of still water.
     """
     depth = -still.emitter.position.z
     for i in range(len(chains.last)):
         q, v = row(chains.tail, i), row(chains.last, i)
-        size = norm(q)
-        # A chain that ends well below still water (a margin of 5 %) and goes on outwards (cos 66
-        # degrees = 0.4) meets the sphere of each P once: one crossing at most.
-        plain = size < 0.95 * depth and dot(q, v) >= 0.4 * size
+        distance = norm(q)
+        # P moves with |P - source| >= depth, and the open segment passes through that sphere. From
+        # a last vertex well inside it (5 % margin), and outwards (within 66 degrees, cosine 0.4, of
+        # the radius), one crossing is expected. Tuned: time against second crossings missed.
+        single = distance < 0.95 * depth and dot(q, v) >= 0.4 * distance
         n = ZERO
         for scene in (still, raised):
-            # Branch -1 needs a segment that starts outside the sphere of radius |P| >= depth.
-            for side in range(1 if size < depth else 2):
+            # Branch -1, the near intersection, needs a last vertex outside the sphere of radius
+            # |P| >= depth.
+            for side in range(1 if distance < depth else 2):
                 for k in range(len(starts)):
-                    if n < len(out[i]) and not (n > 0 and plain):
+                    if n < len(out[i]) and not (n > 0 and single):
                         shot = shot_of(chains, i, scene, 1.0 - 2.0 * side, SMOOTH)
                         n = _flat_root(n, starts[k], shot, scene, out[i])
             if n > 0:
@@ -150,8 +166,11 @@ def flat_crossings(chains, starts, still, raised, out):
 
 @outlined
 def _flat_root(n, start, shot, scene, out):
-    """Add the flat-sea crossing that Newton finds from a start, if it is new."""
-    longest = scene.target.center.z
+    """Append to `out` the flat-sea crossing that Newton reaches from a start, if it is new.
+
+    Return the number of crossings, n before. Crossings within 1e-4 m of each other are the same.
+    """
+    longest = scene.target.center.z  # step of Newton: the height of the aperture [m]
     converged, x, y, _ = crossing.newton(start[0], start[1], FLAT_SEA, YES, longest, shot, scene)
     if not converged or crossing.is_known(out, ZERO, n, x, y, shot.branch, 1e-4):
         return n
@@ -161,35 +180,35 @@ def _flat_root(n, start, shot, scene, out):
 
 @outlined
 def _near(n, flat, audit, search, shot, scene, roots, counters):
-    """Append the crossings that belong to one flat crossing to n others; return their number.
+    """Append the crossings near one flat crossing to n others in `roots`; return their number.
 
-    Newton starts from the flat crossing. More roots, if the sea focuses, are searched in a share of
-    the chains, those whose uniform `audit` is smaller, and count by the inverse of that share:
-    unbiased.
+    Newton starts from the flat crossing. Further roots are searched in a share of the chains only,
+    those whose uniform number `audit` is below it, and are weighted by the inverse of that share,
+    so that the mean is that of a search for every chain. `search` is the `crossing.Search`.
     """
     surface, target, tilt = scene.surface, scene.target, shot.tilt
     radius = crossing.radius_of(flat, search, shot, scene)
-    # first the cheap bounds, which end most searches
-    off = math.hypot(flat.x - target.center.x, flat.y - target.center.y)
-    if off > target.reach + radius:
+    # No crossing lies farther than `radius` from the flat one. The cheap bounds come first: they
+    # end most searches.
+    aside = math.hypot(flat.x - target.center.x, flat.y - target.center.y)
+    if aside > target.reach + radius:
         return n  # outside the field of view for any waves
     if shot.branch > 0.0 and not _reaches(flat, radius, shot, scene):
         return n
     share = 1.0
     if surface.interpolate:
-        # The random slope of the chain moves the crossing of still water to first order: a better
-        # start.
+        # The random slope of the chain moves the flat crossing by dP/dslope (m11 to m22) times the
+        # slope, to first order: a better start.
         x0 = flat.x + flat.m11 * tilt.x + flat.m12 * tilt.y
         y0 = flat.y + flat.m21 * tilt.x + flat.m22 * tilt.y
         converged, x, y, facet = crossing.root_from(x0, y0, radius, shot, scene)
         if converged:
             counters[Counter.SOLVED.value] += 1
             n = crossing.add_root(roots, n, ZERO, x, y, facet, shot.branch, 1.0)
-        # most chains that Newton gives up have no crossing: a quarter of them shows it
-        audited = 1.0 if search.curvature * flat.lever > _FOCUSING else search.audit
-        # Russian roulette for the search of all facets: counted by 1 / share, so the expectation is
-        # that of a full search.
-        share = audited if converged else max(audited, _AUDIT_FAILED)
+        # A failure of Newton is audited more often than a success: it may hide the only crossing.
+        share_solved = 1.0 if search.curvature * flat.lever > _FOCUSING else search.audit
+        # Russian roulette: roots of the full search are weighted by 1 / share.
+        share = share_solved if converged else max(share_solved, _AUDIT_FAILED)
         if audit >= share:
             return n
     unique = n
@@ -205,26 +224,28 @@ def _near(n, flat, audit, search, shot, scene, roots, counters):
 
 @inlined
 def _reaches(flat, radius, shot, scene):
-    """Return whether the open segment of a chain can end on the surface near a flat crossing.
+    """Return whether the open segment of a chain can end within `radius` of a flat crossing.
 
-    A segment that goes outwards must start nearer to the source than the surface lies.
+    A segment that leads away from the source (q . v >= 0) only gains distance: its last vertex must
+    be nearer to the source than the farthest point of the surface there.
     """
     if dot(shot.q, shot.v) < 0.0:
         return True
     source = shot.start
     side = math.hypot(flat.x - source.x, flat.y - source.y) + radius
-    rise = scene.surface.high[2] - source.z
+    rise = scene.surface.high[2] - source.z  # up to the highest crest
     return dot(shot.q, shot.q) < side * side + rise * rise
 
 
 @entry
 def contributions(chains, flat, audits, search, scene, out):
-    """Write the contribution of each chain to the aperture; return the number of arrivals.
+    """Add the contribution of each chain to `out.score`; return the number of recorded arrivals.
 
     Array twin: the analog estimator.
+    `flat` are the records of `flat_crossings`, `audits` (chains,) uniform numbers, see `_near`.
     """
-    # Manifold next-event estimation (Hanika et al. 2015) for whole histories turned about their
-    # source, as the track-rotation estimator.
+    # Manifold next-event estimation (Hanika et al. 2015), for whole histories that are turned about
+    # their source: the track-rotation estimator, see `crossing`.
     arrivals = ZERO
     for i in range(len(chains.last)):
         n = ZERO
@@ -258,7 +279,7 @@ def flat_contributions(chains, flat, scene, score):
             f = flat[i, k]
             if f.branch == 0.0:
                 break
-            # found on the raised sea, for crests that still water does not have
+            # a crossing of the raised sea only: still water does not reach so high
             if f.level != scene.surface.level:
                 continue
             shot = shot_of(chains, i, scene, f.branch, SMOOTH)
@@ -271,23 +292,23 @@ def flat_contributions(chains, flat, scene, score):
 
 @entry
 def blurred_contributions(chains, flat, places, near, spread, scene, out):
-    """Write the contribution of each chain to the aperture at each of the given places.
+    """Add the contribution of each chain to the aperture centred at each of the given places.
 
-    Returns the number of arrivals; their chains, and the rows of the scores, count the chains to
-    the first place, to the second, and so on.
+    Returns the number of arrivals. Chain i to place m has the index m * chains + i in `out.score`
+    and in the arrivals.
 
-    Array twin: `contributions`, which finds the crossings of a chosen slope.
-    Here the crossing is chosen, as that of a flat sea moved by slopes of the law `spread`, and the
-    slope follows: one evaluation a crossing. Crossings that several flat ones may lead to count
-    by the sum of their densities. They are unbiased about any point: `flat` are the crossings to
-    the aperture of the scene, moved to first order to its `places` (m, 3); `near` has room for
-    those of a chain.
+    Array twin: `contributions`, which solves for the crossings of a chosen slope.
+    Here the crossing is sampled: that of a flat sea, displaced by a random slope of the Gaussian
+    `spread`. The slope that sends the light to the goal follows, without iterations. A crossing to
+    which several flat ones lead is divided by the sum of their densities. The estimate is unbiased
+    wherever the samples are centred: `flat` are the crossings for the aperture of the scene, moved
+    to first order for its `places` (m, 3) [m]; `near` is scratch for those of a chain.
     """
     # Next-event estimation through a rough refracting surface: the crossing is sampled, the slope
     # that connects it is unique (Walter et al. 2007), its density is the weight.
     arrivals, n = ZERO, len(chains.last)
     for m in range(len(places)):
-        there = aperture_at(row(places, m), scene)
+        moved = aperture_at(row(places, m), scene)
         x, y = places[m, 0] - scene.target.center.x, places[m, 1] - scene.target.center.y
         for i in range(n):
             if flat[i, 0].branch == 0.0:
@@ -295,23 +316,24 @@ def blurred_contributions(chains, flat, places, near, spread, scene, out):
                 continue
             for k in range(len(near)):
                 near[k] = flat[i, k]
-                # To first order only: the proposal moves, the weight is exact for any proposal.
+                # by dP / d(centre of the aperture): to first order only, since the weight is exact
+                # for any proposal
                 near[k].x += flat[i, k].c11 * x + flat[i, k].c12 * y
                 near[k].y += flat[i, k].c21 * x + flat[i, k].c22 * y
             for k in range(len(near)):
                 if near[k].branch == 0.0:
                     break
-                path = _sloped_crossing(chains, i, near, k, spread, there)
+                path = _sloped_crossing(chains, i, near, k, spread, moved)
                 if path.weight > 0.0:
                     out.counters[Counter.SOLVED.value] += 1
                     w, place = path.weight, m * n + i
-                    arrivals = keep(chains, i, w, path, place, arrivals, there, out)
+                    arrivals = keep(chains, i, w, path, place, arrivals, moved, out)
     return arrivals
 
 
 @inlined
 def _lifted(flat, scene):
-    """Return a crossing of the flat sea, raised to the height of the surface there."""
+    """Return (x, y) of a flat crossing, moved by dP/dz for the height of the surface there."""
     facet = locate(scene.locator, scene.surface, flat.x, flat.y)
     rise = 0.0
     if facet >= 0:
@@ -323,7 +345,8 @@ def _lifted(flat, scene):
 def _density(flat, x, y, branch, spread, scene):
     """Return the density of the proposed crossings at (x, y) [m-2], on one branch.
 
-    Summed over the crossings `flat` of still water that may lead there.
+    Summed over the flat crossings that may lead there: each is displaced by M s, where M is
+    dP/dslope and the slope s is drawn from the Gaussian `spread`.
     """
     total = 0.0
     for k in range(len(flat)):
@@ -334,10 +357,10 @@ def _density(flat, x, y, branch, spread, scene):
             continue
         x0, y0 = _lifted(flat[k], scene)
         dx, dy = (x - x0) / det, (y - y0) / det
+        # s = M^-1 (P - P0), the slope that leads here
         s = Vec2(flat[k].m22 * dx - flat[k].m12 * dy, flat[k].m11 * dy - flat[k].m21 * dx)
         u = whitened(spread, s)
-        # Slopes of the proposal are Gaussian; |det dP/dslope| turns their density into one of
-        # crossings.
+        # The density of s per slope, over |det M|, is that of P per area.
         law = math.exp(-0.5 * (u.x * u.x + u.y * u.y))
         total += law / (2.0 * math.pi * spread.along * spread.across * abs(det))
     return total
@@ -345,35 +368,37 @@ def _density(flat, x, y, branch, spread, scene):
 
 @outlined
 def _sloped_crossing(chains, i, flat, k, spread, scene):
-    """Return the `Crossing` of chain i that is proposed for crossing k of the flat sea.
+    """Sample the `Crossing` of chain i near flat crossing k.
 
-    Its weight is its light over the density of the point.
+    Its weight is its contribution over the density of the point P.
     """
     x, y = _lifted(flat[k], scene)
-    s = slope_tilt(spread, chains.tilt[i, 0], chains.tilt[i, 1])  # displaces the crossing
+    # the random slope of the chain samples P here, it is not the slope of the water
+    s = slope_tilt(spread, chains.tilt[i, 0], chains.tilt[i, 1])
     x = x + flat[k].m11 * s.x + flat[k].m12 * s.y
     y = y + flat[k].m21 * s.x + flat[k].m22 * s.y
     facet = locate(scene.locator, scene.surface, x, y)
     shot = shot_of(chains, i, scene, flat[k].branch, scene.surface.roughness)
     p = Vec3(x, y, height_on(x, y, facet, scene.surface))
     ok, length, w, d = crossing.emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
-    none = crossing.Aim(False, shot.goal, w, d, UP, 1.0, length, 0.0)
-    nothing = Crossing(0.0, True, none, p, shot.start)
+    no_aim = crossing.Aim(False, shot.goal, w, d, UP, 1.0, length, 0.0)
+    dark = Crossing(0.0, True, no_aim, p, shot.start)
+    # outside the mesh, or from above through the facet
     if facet < 0 or not ok or dot(d, row(scene.surface.face_normals, facet)) <= 0.0:
-        return nothing
+        return dark
     n = normal_at(x, y, facet, scene.surface)
     slope = slope_towards(p, n, w, d, length, shot.goal, scene)
-    # Several crossings of still water may lead here: the sum of their densities, as the balance
-    # heuristic for equal numbers of samples.
+    # Several flat crossings may lead here: the sum of their densities is the balance heuristic for
+    # equal numbers of samples (Veach and Guibas 1995).
     density = _density(flat, x, y, shot.branch, spread, scene)
     if slope.density == 0.0 or density == 0.0:
-        return nothing
+        return dark
     ok_x, w_x = _emission_at(x + crossing.STEP, y, facet, shot, scene)
     ok_y, w_y = _emission_at(x, y + crossing.STEP, facet, shot, scene)
-    if not (ok_x and ok_y):  # a scattering closer to the surface than a step has no derivative
-        return nothing
-    # The crossing is drawn with `density` per area and lands with `slope.density` per area: their
-    # ratio takes the place of |det dX/dP|.
+    if not (ok_x and ok_y):  # no derivative: the last vertex is closer to the surface than a step
+        return dark
+    # P is drawn with `density` per area of the sea; slopes that are drawn at P land on X with
+    # `slope.density` per area of the aperture. The ratio takes the place of |det dX/dP|.
     turns = crossing.quotients(w, w_x, w_y)
     per_area = crossing.emission_per_area(turns, w, density / slope.density)
     shot = crossing.Shot(shot.start, shot.q, shot.v, shot.goal, shot.branch, slope.tilt)
@@ -383,7 +408,7 @@ def _sloped_crossing(chains, i, flat, k, spread, scene):
 
 @inlined
 def _emission_at(x, y, facet, shot, scene):
-    """Return (ok, direction of emission) through the plane of a facet over (x, y)."""
+    """Return (ok, w): the direction of emission that leads through a facet's plane at (x, y)."""
     p = Vec3(x, y, height_on(x, y, facet, scene.surface))
     ok, _, w, _ = crossing.emission_through(shot.q, shot.v, minus(p, shot.start), shot.branch)
     return ok, w
@@ -391,13 +416,13 @@ def _emission_at(x, y, facet, shot, scene):
 
 @outlined
 def keep(chains, i, w, path, place, n, scene, out):
-    """Score the light w of chain i by its `Crossing`, unless a wave cuts its path off.
+    """Add the contribution w of chain i by a `Crossing` to the score, unless a wave cuts it off.
 
     Array twin: none, sums.
-    `place` is the row of its score, n the number of arrivals, which is returned with this one.
+    `place` is the index of the score, n the number of arrivals before; returned is that after.
     """
     if not (path.steep or _is_clear(chains, i, path, scene)):
-        # Light that meets another wave is left out.
+        # The estimator has no second crossing: light that meets another wave is left out.
         out.counters[Counter.BLOCKED.value] += 1
         return n
     out.score[place] += w
@@ -415,7 +440,8 @@ def keep(chains, i, w, path, place, n, scene, out):
 def weigh(chains, i, x, y, facet, shot, scene):
     """Return the `Crossing` of chain i over (x, y) on a facet.
 
-    The random slope of a chain is Gaussian: another density is in the weight.
+    Random slopes are drawn from a Gaussian; the ratio of the law of the slopes to it (its
+    Gram-Charlier series, see `over_gaussian`) is a factor on the weight.
     """
     p = Vec3(x, y, height_on(x, y, facet, scene.surface))
     j = crossing.jacobian(x, y, facet, shot, scene)
@@ -426,63 +452,69 @@ def weigh(chains, i, x, y, facet, shot, scene):
 
 
 @inlined
-def weight_of(chains, i, p, m, per_area, facet, shot, scene):
+def weight_of(chains, i, p, aim, per_area, facet, shot, scene):
     """Return (|A| I(w) W dOmega/dX, all vertices deep) of chain i through a crossing.
 
-    m is the `Aim` at P, `per_area` = dOmega/dX, 0 without light; `shot` has the random slope.
+    `aim` is that at P, `per_area` dOmega/dX [sr m-2], 0 if no light lands; `shot` has the random
+    slope. The emitter's power multiplies A: 1, or the etendue of a receiver that emits in reverse.
     """
     if per_area == 0.0:
         return 0.0, True
     n = normal_at(p.x, p.y, facet, scene.surface) if facet >= 0 else UP
-    passed = crossing.passed(intensity(scene.emitter, m.w), m, p, n, facet, shot.tilt, scene)
+    passed = crossing.passed(intensity(scene.emitter, aim.w), aim, p, n, facet, shot.tilt, scene)
     if passed == 0.0:
         return 0.0, True
-    # last: it is the dearest factor
-    w, deep = _transmit(chains, i, m, p, shot.start, scene)
+    # last, since it costs most
+    w, deep = _transmit(chains, i, aim, p, shot.start, scene)
     area = scene.target.area * scene.emitter.power
     return area * passed * per_area * w * chains.weight[i], deep
 
 
 @inlined
 def turned(w, p):
-    """Rotate a vector by the minimal rotation from e_z to the emission direction.
+    """Rotate a vector p of a chain by the minimal rotation from e_z to the emission direction w.
 
     Array twin: the rotation matrix of the tests.
+    Undefined for w = -e_z, see `crossing.emission_per_area`.
     """
     # Rodrigues for the axis e_z x w, in a form without square roots (Moller and Hughes 1999).
-    along = (-w.y * p.x + w.x * p.y) / (1.0 + w.z)
+    axial = (-w.y * p.x + w.x * p.y) / (1.0 + w.z)
     return Vec3(
-        p.x * w.z + w.x * p.z - w.y * along,
-        p.y * w.z + w.y * p.z + w.x * along,
+        p.x * w.z + w.x * p.z - w.y * axial,
+        p.y * w.z + w.y * p.z + w.x * axial,
         p.z * w.z - w.x * p.x - w.y * p.y,
     )
 
 
 @inlined
-def _vertex(chains, i, k, m, start):
-    """Return vertex k of chain i."""
-    return plus(turned(m.w, row(chains.vertex[i], k)), start)
+def _vertex(chains, i, k, aim, start):
+    """Return vertex k of chain i in the scene [m]."""
+    return plus(turned(aim.w, row(chains.vertex[i], k)), start)
 
 
 @inlined
-def _transmit(chains, i, m, p, start, scene):
-    """Return (coefficients of the scatterings times transmittance, all vertices deep)."""
+def _transmit(chains, i, aim, p, start, scene):
+    """Return (product of scattering coefficients and transmittance [m-K], all vertices deep).
+
+    K is the number of scatterings, "deep" means below the lowest trough of the sea.
+    """
     medium = scene.medium
     before = start
-    simple = is_uniform(medium)
+    uniform = is_uniform(medium)
     weight, tau, deep = 1.0, 0.0, True
     for k in range(chains.vertex.shape[1]):
-        v = _vertex(chains, i, k, m, start)
-        # Above the lowest trough a vertex may lie in the air: its ways are checked by rays.
+        v = _vertex(chains, i, k, aim, start)
+        # Above the lowest trough a vertex may lie in the air: rays must check its segments.
         if v.z > scene.surface.low[2]:
             deep = False
-        if v.z < medium.bottom_z:  # straight ways between points above it do not meet it
+        # Light that meets the bottom is not followed; segments between points above do not.
+        if v.z < medium.bottom_z:
             return 0.0, True
-        if simple:
-            # The phase function is in the law of the directions, the coefficient is not.
+        if uniform:
+            # Directions are drawn from the phase function, which cancels; the coefficient remains.
             weight *= medium.b
         else:
-            if chains.kind[i, k] == 1:
+            if chains.kind[i, k] == 1:  # a bubble
                 weight *= bubble_scattering(medium, v)
             else:
                 weight *= water_coefficients(medium, v.z)[1]
@@ -490,48 +522,51 @@ def _transmit(chains, i, m, p, start, scene):
             tau += absorption_path(medium, before.z, v.z, length)
             tau += scattering_path(medium, before, v, length)
         before = v
-    if simple:
-        # The weight of a chain has 1 / density of its distances: exp(-tau) is whole here.
-        tau = (medium.a + medium.b) * (chains.path[i] + m.length)
+    if uniform:
+        # `chains.weight` is divided by the density of the distances already: the whole exp(-tau)
+        # is a factor here.
+        tau = (medium.a + medium.b) * (chains.path[i] + aim.length)
     else:
-        tau += absorption_path(medium, before.z, p.z, m.length)
-        tau += scattering_path(medium, before, p, m.length)
+        tau += absorption_path(medium, before.z, p.z, aim.length)
+        tau += scattering_path(medium, before, p, aim.length)
     return weight * math.exp(-tau), deep
 
 
 @outlined
 def _is_clear(chains, i, path, scene):
-    """Return whether no wave cuts a straight part of the path of a `Crossing`.
+    """Return whether no wave cuts a segment of the path of a `Crossing`.
 
-    A vertex above the highest crest needs no part of its own: the path to it or from it is cut.
+    The segments lead to each vertex, to P, and on to the aperture if the paths in the air are
+    followed. A vertex in the air needs no test of its own: the segment to it crosses the surface.
     """
-    m, start, slope = path.aim, path.start, scene.surface.max_slope
+    aim, start, slope = path.aim, path.start, scene.surface.max_slope
     order = chains.vertex.shape[1]
     for k in range(order + (2 if scene.interface.follow_second_hit else 1)):
         if k < order:
-            end = _vertex(chains, i, k, m, path.start)
+            end = _vertex(chains, i, k, aim, path.start)
         elif k == order:
             end = path.point
         else:
-            end = along(path.point, m.r, m.flight)
-        way = minus(end, start)
-        length = norm(way)
-        climbs = way.z > slope * math.hypot(way.x, way.y) and k >= order
+            end = along(path.point, aim.r, aim.flight)
+        segment = minus(end, start)
+        length = norm(segment)
+        climbs = segment.z > slope * math.hypot(segment.x, segment.y) and k >= order
+        # Segments at P that are steeper than every slope of the sea do not meet it again.
         if length > 0.0 and not climbs:
-            if not is_free(start, unit(way), length, scene.surface, scene.locator):
+            if not is_free(start, unit(segment), length, scene.surface, scene.locator):
                 return False
         start = end
     return True
 
 
 class Colours(NamedTuple):
-    """Wavelengths of straight ways, and their factors on the weight of the last one."""
+    """Functions of the wavelengths, and buffers for the factors of the last straight way."""
 
-    tints: Tints | None
+    tints: Tints | None  # None: one wavelength
     mixture: Mixture
-    clear: Medium  # the water with its bubbles alone
-    log_weights: NDArray[np.float64]  # (tints,) scratch: sums along the way
-    factors: Factors
+    clear: Medium  # water with b = 0: its `scattering_path` is that of the bubbles alone
+    log_weights: NDArray[np.float64]  # (wavelengths,) scratch: logarithms along the way
+    factors: Factors  # on the weight of the last way
 
 
 @outlined
@@ -547,11 +582,11 @@ def straight_factors(p, q, colours):
 
 @inlined
 def _add_way(p, q, clear, tints, log_weights):
-    """Add a straight way from p to q."""
+    """Add the logarithms of the transmittance from p to q at each wavelength to `log_weights`."""
     if tints is not None:
         length = norm(minus(q, p))
         tint_way(tints, log_weights, p.z, q.z, length)
-        # bubbles scatter alike at all wavelengths but for a factor on their optical depth
+        # the excess optical depth by bubbles is that of the base times a factor per wavelength
         depth = scattering_path(clear, p, q, length)
         for r in range(len(tints.c)):
             log_weights[r] -= tints.bubble_c[r] * depth
@@ -559,10 +594,10 @@ def _add_way(p, q, clear, tints, log_weights):
 
 @entry
 def tint_chains(chains, arrivals, emitter, clear, tints, out):
-    """Write the sums (arrivals, tints) of chains that arrive, see `kernels.tints`.
+    """Write the log weights (arrivals, wavelengths) of chains that arrive, see `kernels.tints`.
 
     Array twin: direct runs of the wavelengths.
-    `clear` is the water with its bubbles alone.
+    `clear` is the water with b = 0, see `Colours`.
     """
     for n in range(len(arrivals)):
         a, log_weights = arrivals[n], out[n]
@@ -578,7 +613,7 @@ def tint_chains(chains, arrivals, emitter, clear, tints, out):
                 at = plus(turned(w, row(chains.vertex[i], k)), start)
             way = minus(at, before)
             if k > 0:
-                # By the chord, which keeps the digits of small angles.
+                # 2 asin(chord / 2) keeps the digits of small angles, acos of a product does not.
                 s = 0.5 * norm(minus(unit(way), unit(last)))
                 theta = 2.0 * math.asin(min(s, 1.0))
                 tint_scattering(tints, log_weights, before.z, theta, chains.kind[i, k - 1] == 1)
@@ -588,7 +623,7 @@ def tint_chains(chains, arrivals, emitter, clear, tints, out):
 
 @entry
 def tint_straight(start, ends, clear, tints, out):
-    """Write the sums (ways, tints) of straight ways from a point to ends (ways, 3).
+    """Write the log weights (ways, wavelengths) of straight ways from a point to ends (ways, 3).
 
     Array twin: see `tint_chains`.
     """
