@@ -138,8 +138,8 @@ def flat_crossings(chains, starts, still, raised, out):
     Flat crossings do not depend on the waves: they are the starts for every surface. A record of
     branch 0 ends those of a chain. `starts` (n, 2) are the points (x, y) [m] from which Newton is
     tried; a chain with one crossing at most stops at the first success. `still` is the scene with
-    the flat sea at the mean level, z = 0, `raised` that with one above every crest, which is tried for chains
-    without a crossing of still water.
+    the flat sea at the mean level, z = 0, `raised` that with one above every crest, which is tried
+    for chains without a crossing of still water.
     """
     depth = -still.emitter.position.z
     for i in range(len(chains.last)):

@@ -10,7 +10,8 @@ A facet is cut into parts (`unscattered.Part`), light runs from the source to th
 a `Pencil`. Its light on the aperture's plane is a `Spot`, roughly Gaussian; where the field of view
 of the centroid ends within the aperture, its `ViewDisk` bounds what counts. Points of that plane
 are in metres from the centre of the aperture, slopes u in standard deviations along and across the
-wind. In a mirrored scene, a downlink upside down, the denser side lies behind the surface.
+wind. A mirrored scene is a downlink turned upside down, see `kernels.scene.Scene`: the source lies
+in the air below the surface, and the denser side lies behind it. N is `big` in the code.
 
 References
 ----------
@@ -66,34 +67,42 @@ from meshtrace.kernels.vectors import (
 # What each constant costs: the change of the gain and of the time (x) when it is made twice as
 # careful, measured over a sea of 5 m/s for (led) the default link, (view) a view of 10 degrees onto
 # a radius of 3 m, (beam) a Gaussian beam of 1 degree, (hat) a top hat of 2 degrees. _FINEST,
-# _LENS_SHARE and _NEAR changed none of the four by 1e-9. `aimed._LEAST_ERROR` covers the sum.
+# _LENS_SHARE and _NEAR changed none of the four by 1e-9. `aimed.LEAST_ERROR` covers the sum. The
+# line below a constant has the more careful value, and what that changed.
 MOST_SLOPE = 5.0  # standard deviations: 4e-6 of the light meets larger random slopes
 # 6.0: led 3e-6; view 2e-6, x 1.3
 PART_SLOPE = 0.7  # standard deviations by which the slope may change over a part of a facet
 # 0.35: led 2e-4, x 1.6; view 2e-5, x 3.1; hat 1e-5
-PART_BEAM = 0.2  # longest edge of a part over the width of the beam
+PART_BEAM = 0.2  # longest edge of a part over the width of the beam at still water
 # 0.1: beam 2e-5, x 5; hat 5e-5, x 1.2
-RIM_BEAM = 0.02  # the same where a beam with a sharp rim ends
+RIM_BEAM = 0.02  # the same for parts that the sharp rim of a beam may cross
 # 0.01: hat 7e-7, x 1.9
 MOST_PARTS = 48
 """Parts along an edge of a facet of a map; facets with more are too large for the blur."""
 
-_FEW = 16  # parts along an edge: facets of more are cut where light may cross; time alone
-_FINE = 1.5  # parts of facets of several: few neighbours of the same cut cancel errors at edges
+# A facet that needs more parts along an edge is quartered, and quarters without light are left out:
+# changes the time alone.
+_FEW = 16
+# Errors at the edges of parts cancel between neighbours that are cut alike. Facets with fewer such
+# neighbours are cut into more parts, by these factors: a facet that is cut at all,
+_FINE = 1.5
 # 3.0: led 2e-4, x 1.6; view 2e-5, x 3; beam 2e-5, x 2.8; hat 6e-5
-_HALF_FINER = 2.0  # the same where the light is smooth: all facets in a narrow beam are cut alike
+# a quarter, for the profile of the beam, by which all facets in it are cut alike,
+_HALF_FINER = 2.0
 # 4.0: hat 1e-5, x 1.1
-_FINER = 4.0  # parts of those of more than a few: no neighbours of the same cut do
+# and a quarter, for edges of light and slopes, by which no two neighbours are cut alike.
+_FINER = 4.0
 # 8.0: hat 1e-5, x 1.9
-_FINEST = 1.0 / 64.0  # of the longest edge, at the edge of the field of view: bounds the time
+_FINEST = 1.0 / 64.0  # least edge of a part for the edge of the view, over PART_BEAM: bounds time
 _LENS_SHARE = 0.25  # longest edge of a part over the smaller of aperture and view: its light
 # changes smoothly over that length where their rims meet
 _NEAR = 2.0  # sizes of a part within which the edge of the field of view may cross it
-_FAINT = 3.5  # least slope of parts that need no cut: their light is some 1e-3 of all
-_EVEN = 5.0  # most change of slope over a part that is half as large from its centre
+_FAINT = 3.5  # deviations; parts that need larger slopes are not cut for these: 2e-3 of the light
+_EVEN = 5.0  # change of slope over a part [deviations], below which half of it is counted from
+# the centre; above it slopes are too far from linear
 # without either: led 1.5e-6, x 1.05
-_COARSE = 4.0  # times the lengths of parts, at the first look at a Gaussian beam
-_DIM = 1e-5  # of the brightest facet, up to which the first look is enough
+_COARSE = 4.0  # factor on the lengths of parts, in the first pass over a Gaussian beam
+_DIM = 1e-5  # gain over that of the brightest facet, up to which the first pass is enough
 # without them: beam 8e-7, x 2.2
 _PER_DEVIATION = 1.2  # Gauss nodes per standard deviation of the light on the aperture
 # 2.4: view 4e-7, x 1.8
@@ -109,17 +118,17 @@ _PROBE = 0.5  # distance over which slopes are taken for linear, over the width 
 _CLIPPED = 2.0 * MOST_SLOPE  # size of slopes beyond which a change cuts no part
 
 _BESIDE, _MEETS_RIM, _INSIDE = 0, 1, 2  # place of the light of a part on the aperture
-_LITTLE = 1e-9  # parts along an edge: no cut, but light; 0 is no light
-_NODES = np.int64(2**24)  # an edge has as many nodes, whose halves are whole numbers 24 times
+_LITTLE = 1e-9  # number of parts that stands for "light, but no cut": 0 means no light
+_NODES = np.int64(2**24)  # steps along an edge of a facet: 24 halvings stay whole numbers
 
 
 class Slope(NamedTuple):
-    """Random slope that refracts light to a point, and its density; infinite where none does."""
+    """Random slope that refracts light to a point; infinite, of density 0, where none does."""
 
     along: float  # the wind, in standard deviations
-    across: float
-    tilt: Vec2  # the same slope, along x and y
-    density: float  # of landing points [m-2], exposure left out
+    across: float  # the wind, in standard deviations
+    tilt: Vec2  # the same slope along x and y, in addition to that of the mesh
+    density: float  # of landing points [m-2], without the factor `exposure`
     aim: crossing.Aim
 
 
@@ -171,17 +180,17 @@ def slope_towards(p, n, w, d, length, goal, scene):
     size = norm(big)
     cos_i, cos_t = dot(big, d) / size, dot(big, r) / size
     aim = crossing.Aim(False, goal, w, d, r, 1.0, length, flight)
-    none = Slope(math.inf, math.inf, Vec2(0.0, 0.0), 0.0, aim)
+    unreachable = Slope(math.inf, math.inf, Vec2(0.0, 0.0), 0.0, aim)
     if big.z <= 0.0 or cos_t <= 0.0 or dot(r, scene.target.axis) <= 1e-9:
-        return none
+        return unreachable
     # slope of the required normal, -N_xy / N_z, less that of the mesh, -n_xy / n_z
     tilt = Vec2(n.x / n.z - big.x / big.z, n.y / n.z - big.y / big.z)
     roughness = scene.surface.roughness
     u = whitened(roughness, tilt)
     square = u.x * u.x + u.y * u.y
     if square > MOST_SLOPE * MOST_SLOPE:
-        return none
-    # dr/dx = (e - r (r.e)) / flight for either axis e of the aperture
+        return unreachable
+    # dr/dx = (e - r (r.e)) / flight for either axis e of the aperture; k has all factors but a, b
     k = scene.medium.n_air / (flight * big.z * big.z)
     a = along(scene.target.e1, r, -dot(r, scene.target.e1))
     b = along(scene.target.e2, r, -dot(r, scene.target.e2))
@@ -199,8 +208,8 @@ def slope_towards(p, n, w, d, length, goal, scene):
 class Rule(NamedTuple):
     """Quadratures over an aperture: over all of it, and over its part that the view accepts.
 
-    The first has fixed nodes. It serves where the whole aperture is in view and at most some
-    widths of the light across. Elsewhere Gauss nodes lie between the rims of aperture and view.
+    The first has fixed nodes. It serves where the whole aperture is in view and not much wider than
+    the light of a facet. Elsewhere Gauss nodes lie between the rims of aperture and view.
     """
 
     points: NDArray[np.float64]  # (n, 2) of the unit disk
@@ -208,20 +217,22 @@ class Rule(NamedTuple):
     is_wide: bool  # the aperture is much wider than the light of a facet
     nodes: NDArray[np.float64]  # (GAUSS, GAUSS), row n - 1 has n nodes of the unit interval
     weights: NDArray[np.float64]  # (GAUSS, GAUSS)
-    parts: float  # lengths of parts of facets, over the usual ones
-    finer: float  # numbers of Gauss nodes, over the usual ones
+    # factors on the lengths of parts and on the numbers of Gauss nodes: 1, or others to estimate
+    # the error of the quadrature by the change
+    parts: float
+    finer: float
 
 
 class Work(IntEnum):
     """Places in the array of what `blurred_gain` did."""
 
     LEFT = 0  # nodes that may still be evaluated
-    LENSES = 1  # parts whose view ends within the aperture, or that light it in part
-    CUT_SHORT = 2  # light onto facets for which no nodes were left: a bound of their error
+    LENSES = 1  # parts that are integrated with Gauss nodes between rims, see `_lens_light`
+    CUT_SHORT = 2  # gain of facets for which no nodes were left: a bound of their error
 
 
 class Blocks(NamedTuple):
-    """Facets in blocks, so that most of them need no look of their own."""
+    """Groups of neighbouring facets, so that one bound excludes most of them at once."""
 
     start: NDArray[np.int64]  # (blocks + 1,) first row of `facet` of each block, and the end
     facet: NDArray[np.int64]  # indices of the facets, block by block
@@ -247,19 +258,20 @@ def _block_may_shine(b, blocks, dark, scene):
 def blurred_gain(scene, rule, blocks, stack, coarse, work, gain):
     """Write the unscattered gain of each facet.
 
-    `stack` is room for (STACK, 3) integers, `coarse` for a flag of each facet, False; for `work`
-    see `Work`. Facets are not cut any more when no nodes are left.
+    `stack` is scratch for (STACK, 3) integers: i, j, side of parts. `coarse` is scratch for a flag
+    of each facet, False at the start: it was cut coarsely. For `work` see `Work`. Facets are not
+    cut any more when no nodes are left.
 
     Array twin: chains without scatterings.
-    gain = int dOmega I exp(-tau) int_A dx p(s* - s) |det ds*/dx| E T over the facet, E its
-    exposure. A facet is cut into parts over which the slope s* - s changes by a fraction of its
-    standard deviation, and light by a fraction of its own. In a Gaussian beam, whose light ends
-    nowhere, all facets are cut into few parts first and the brighter ones anew: five of six have
-    a thousandth of the light.
+    gain = int dOmega I exp(-tau) int_A dx p(s* - s) |det ds*/dx| E T over the facet, p the density
+    of random slopes, E the exposure, T the transmittance. A facet is cut into parts over which the
+    slope s* - s changes by a fraction of its standard deviation, and the light by a fraction of its
+    width. A Gaussian beam has no rim: all facets are cut into few parts first, then the brighter
+    ones are cut anew. Five of six facets have a thousandth of the light.
     """
     dark, most = dark_angle(scene.emitter), 0.0
     # two passes for beams: how bright a facet is decides how finely it is cut
-    first = _COARSE if scene.emitter.kind == SourceKind.GAUSSIAN_BEAM else 1.0
+    first_length = _COARSE if scene.emitter.kind == SourceKind.GAUSSIAN_BEAM else 1.0
     # Quadrature of the refraction lobe of Walter et al. (2007) over facets and aperture; no
     # sampling.
     for b in range(len(blocks.radius)):
@@ -271,13 +283,13 @@ def blurred_gain(scene, rule, blocks, stack, coarse, work, gain):
             facet = scene.facets[f]
             p = Vec3(facet.x, facet.y, facet.z)
             if may_shine(f, p, unscattered.spatial_radius(facet), dark, scene):
-                total, finer = _facet_light(f, first, dark, rule, stack, work, scene)
+                total, finer = _facet_light(f, first_length, dark, rule, stack, work, scene)
                 gain[f] = unscattered.unless_hidden(total, f, scene)
-                # an uncut facet errs by all of its light at most
+                # The error of an uncut facet is at most all light onto it.
                 if work[Work.LEFT.value] <= 0.0:
                     whole = pencil_to(unscattered.Part(f, _NODES, ZERO, ZERO, _NODES), scene)
                     work[Work.CUT_SHORT.value] += max(gain[f], whole.intensity * whole.omega)
-                coarse[f], most = finer and first > 1.0, max(most, gain[f])
+                coarse[f], most = finer and first_length > 1.0, max(most, gain[f])
     for f in range(len(gain)):
         if coarse[f] and gain[f] > _DIM * most:
             if work[Work.LEFT.value] <= 0.0:
@@ -318,8 +330,9 @@ def _is_reached(p, h, bend, scene):
         return False
     rough = scene.surface.roughness
     narrow, broad = min(rough.along, rough.across), max(rough.along, rough.across)
-    # |N_xy| <= |s| N_z for the steepest facet: what is missing must come from random slopes, of
-    # which those beyond `MOST_SLOPE` deviations are left out.
+    # A facet of slope s refracts along N if N_xy = -s N_z. What is missing from |N_xy| <= |s| N_z
+    # must come from random slopes, at most `MOST_SLOPE` deviations. Within h, N_xy + s N_z changes
+    # by at most `slack`: turn sqrt(1 + s^2) by N, and bend (|N_z| + turn) by s.
     steep = scene.surface.max_slope + bend
     slack = turn * math.sqrt(1.0 + steep * steep) + bend * (abs(big.z) + turn)
     missing = math.sqrt(big.x * big.x + big.y * big.y) - steep * abs(big.z)
@@ -355,10 +368,10 @@ def may_shine(f, p, h, dark, scene):
 
 @outlined
 def _facet_light(f, coarse, dark, rule, stack, work, scene):
-    """Return (gain, finer) of a facet; quarter parts that need a fine subdivision.
+    """Return (gain, finer) of a facet, which is cut into parts or quartered first.
 
-    Parts are `coarse` times as long as they should be; `finer` is whether any of them is longer
-    than it should be, so that a second look changes the gain.
+    Parts are `coarse` times as long as they should be; `finer` is whether any of them should be
+    cut, so that a second pass with shorter parts changes the gain.
     """
     total, finer = 0.0, False
     coarse *= rule.parts
@@ -398,10 +411,10 @@ def _facet_light(f, coarse, dark, rule, stack, work, scene):
 
 @outlined
 def _parts_along(part, rule, scene):
-    """Return the numbers of parts along an edge of a part of a facet: smooth and sharp.
+    """Return (smooth, sharp): into how many parts each edge of a part should be cut.
 
-    Smooth for the profile of the beam, over which all facets are cut alike; sharp for edges of
-    light and for slopes, 0 where no slope that counts sends light to the aperture.
+    `smooth` resolves the profile of the beam, by which all facets are cut alike, `sharp` edges of
+    light and slopes; `sharp` is 0 where no slope that counts sends light to the aperture.
     """
     f, emitter = part.facet, scene.emitter
     facet, share = scene.facets[f], abs(part.side) / _NODES
@@ -439,7 +452,8 @@ def _parts_along(part, rule, scene):
     # The centre is nearer to all points than corners are to each other; slopes far from linear get
     # no such credit.
     from_center = 0.5 if change < _EVEN else 1.0
-    # Twice the change from the centre of the aperture to its rim, for light that is not slanted:
+    # Slopes to the rim of the aperture differ from those to its centre by twice what vertical light
+    # needs:
     # ds = n dr / N_z, dr = radius / flight, in the smaller standard deviation.
     big, _, flight = _normal_from_source(p, Vec2(0.0, 0.0), scene)
     rough, n = scene.surface.roughness, max(scene.medium.n_water, scene.medium.n_air)
@@ -460,10 +474,11 @@ def _parts_along(part, rule, scene):
 
 @outlined
 def _spot_place(part, pencil, scene):
-    """Return whether light of a part lies inside the rims of aperture and view, or beside one.
+    """Return whether the light of a part falls inside both rims, on a rim, or beside the aperture.
 
     Array twin: none, a bound.
-    The light of its centre reaches as far as `Spot`, that of its corners is moved by their images.
+    The light of its centroid covers its `Spot`; that of other points is taken for the same spot
+    about their landing points, which lie no farther off than those of the corners.
     """
     surface, source, radius = scene.surface, scene.emitter.position, scene.target.radius
     f, middle, w = part.facet, pencil.middle, pencil.w
@@ -501,8 +516,8 @@ def _spot_place(part, pencil, scene):
 def _clipped_change(f, p, q, r, scene):
     """Return the largest variation of clipped slopes to points of the aperture, over a part.
 
-    For parts from which slopes refract light to the rim of an aperture, but not to its centre:
-    the larger variation of both, for the point of the rim that lies ahead of the light.
+    The larger variation of slopes to the centre and to the point of the rim that lies farthest from
+    the source: from some parts light reaches that point, but not the centre. In deviations.
     """
     target = scene.target
     way = minus(blend(1.0 / 3.0, 1.0 / 3.0, p, q, r), scene.emitter.position)
@@ -609,7 +624,7 @@ class Pencil(NamedTuple):
     normal: Vec3  # of the mesh there, interpolated
     w: Vec3  # direction from the source
     length: float  # from the source [m]
-    omega: float  # solid angle at the source [sr]
+    omega: float  # solid angle of the part from the source [sr]
     intensity: float  # towards the middle [sr-1], 0 behind the facet
 
 
@@ -632,8 +647,8 @@ def pencil_to(part, scene):
 class ViewDisk(NamedTuple):
     """Disk of the aperture's plane on which light of a point of the surface is accepted."""
 
-    high: float  # distance of the plane from the point, along its axis [m]
-    apart: float  # distance of the centre from that of the aperture [m]
+    high: float  # distance of the point from the plane of the aperture, along its axis [m]
+    apart: float  # distance of the disk's centre from that of the aperture [m]
     ahead: Vec2  # unit vector from the centre of the aperture to that of the disk
     radius: float  # [m], infinite without an edge
 
@@ -657,7 +672,8 @@ def _lens_edge(p, h, scene):
     Infinite where the view of all points within h of P lies inside the aperture: no rims meet.
     """
     view, radius = _view_of(p, scene), scene.target.radius
-    moves = h * (1.0 + scene.target.tan_half_fov)  # of the rim of the view, at most
+    # As P moves by h, the centre of the view moves by h at most, its radius by h tan(half view).
+    moves = h * (1.0 + scene.target.tan_half_fov)
     if scene.interface.fov != FieldOfView.ANGLE:  # the view does not depend on the direction
         return unscattered.VIEW_SHARE * unscattered.view_radius(
             view.high, scene.target, scene.interface.fov
@@ -706,7 +722,7 @@ def _spot(pencil, ahead, high, scene):
     """
     rough = scene.surface.roughness
     n = scene.medium.n_water / scene.medium.n_air
-    # steep light turns by (n - 1) times a slope
+    # Vertical light turns by (n - 1) times a slope: the width where there is no gradient.
     narrow = abs(n - 1.0) * high * min(rough.along, rough.across)
     unknown = Spot(0.0, 0.0, math.inf, math.inf, narrow, narrow)
     middle, normal, w = pencil.middle, pencil.normal, pencil.w
@@ -754,7 +770,7 @@ def _passed(s, pencil, scene):
 
 @outlined
 def _lens_light(pencil, rule, work, scene):
-    """Return the light of a pencil on the part of the aperture where the view accepts it.
+    """Return the share of a pencil that lands on the aperture where the view accepts it.
 
     Array twin: `still_gain` in the tests, over rows of the aperture.
     Aperture (radius r) and view (radius R, at a distance D) are disks, whose overlap is a lens;
@@ -826,8 +842,9 @@ def _chord_light(pencil, t, half, ahead, s, rule, work, scene):
 def _disk_light(pencil, near, inside, corner, rule, scene):
     """Return (area, mean density) of the light of a pencil on the whole aperture.
 
-    `inside` is the margin of the view at the centre: within `near` of its edge each node counts by
-    the share of the part, with these corners, that it sees.
+    `inside` is how far the centroid lies inside the view of the centre of the aperture [m]. Within
+    `near` [m] of its edge each node is weighted by the share that it sees of the part, the triangle
+    of the given corners.
     """
     p, q, r = corner
     total, radius, area = 0.0, scene.target.radius, scene.target.area
@@ -860,7 +877,7 @@ def _part_gain(part, rule, work, scene):
     # Small parts see the rims of aperture and view alike: integrate over the lens. Larger ones take
     # fixed nodes and are cut at the view of each.
     at_edge = inside <= near and size <= radius and scene.interface.fov == FieldOfView.ANGLE
-    area, total = 1.0, 0.0
+    area, total = 1.0, 0.0  # 1: `_lens_light` is integrated over the area already
     if at_edge or rule.is_wide:
         work[Work.LENSES.value] += 1.0
         total = _lens_light(pencil, rule, work, scene)
