@@ -43,23 +43,27 @@ Nodes = tuple[int, int] | None
 """Rings and nodes on each of a quadrature over an aperture; None where it is much wider."""
 
 ROOTS = 64  # crossings of one chain at most: a buffer; more are not counted
-_NARROWEST = 0.1  # standard deviation of random slopes, over that of the mesh's, below which light
-# is sampled: its facets would be cut into more parts than chains cost; tuned
-_POINT = 0.5  # radius of an aperture over the blur, up to which four points stand for it
-_WIDEST = 20.0  # radius of an aperture over the blur, beyond which Gauss nodes about the light of
-# each part are fewer than those of the whole disk
-_MOST_NODES = 3e8  # of the light of one pair: half a minute of a thread
+# Standard deviation of random slopes over that of the mesh's slopes. Below it the integral over the
+# slopes would take more time than sampled chains: tuned.
+_NARROWEST = 0.1
+# Radius of an aperture over the `blur`: up to _POINT four points stand for the disk; beyond _WIDEST
+# Gauss nodes about the light of each part are fewer than nodes all over the disk.
+_POINT = 0.5
+_WIDEST = 20.0
+_MOST_NODES = 3e8  # on the aperture, for one source and receiver: half a minute of a thread
 LEAST_ERROR = 2e-4  # relative, of light over random slopes: rounded up from what scans showed
 LEAST_IMAGE_ERROR = 2e-6  # of light over smooth facets, where errors of both signs cancel: scans
-_SAMPLED_FACETS = 256  # on which parts of another length are tried: 2 % of the time of them all
-_FEWER, _LONGER = 0.75, 2.0  # nodes and lengths of parts of the coarser quadrature, over the usual
-_SPREAD = 1.1  # width of the law of crossings that are tried, over that of the slopes: a proposal
-# with lighter tails than the slopes would give weights without a bound
-_TOGETHER = 2**15  # scores of chains to close receivers that are computed at a time: memory
-_IN_BLOCK = 128  # facets that are left out together where they send no light to a receiver: time
-_FEW_PAIRS = 8  # of a source and a receiver, for which blocks take longer than all facets: time
-_AUDITED = 0.02  # share of the chains over a gentle sea whose facets are all searched, see
-# `gain._near`: more time, or more noise; unbiased in either case
+_SAMPLED_FACETS = 256  # facets on which other lengths of parts are tried: 2 % of the time
+_FEWER, _LONGER = 0.75, 2.0  # numbers of nodes and lengths of parts, for an error, over the usual
+# Width of the slopes by which crossings are proposed, over that of the sea's slopes: a proposal of
+# lighter tails would give weights without a bound.
+_SPREAD = 1.1
+_TOGETHER = 2**15  # scores of chains to close receivers that are computed at a time; tuned: memory
+_IN_BLOCK = 128  # facets of a block, which one bound may leave out together; tuned: time
+_FEW_PAIRS = 8  # pairs of source and receiver up to which blocks save no time; tuned
+# Share of the chains over a gentle sea for which all facets are searched, see `gain._near`. Tuned:
+# time against noise, unbiased in either case.
+_AUDITED = 0.02
 
 
 class Quadrature(NamedTuple):
@@ -67,8 +71,8 @@ class Quadrature(NamedTuple):
 
     gain: float  # of all facets
     at: Vec3 | None  # point of the source, None for its centre
-    lenses: bool = False  # whether the view ends within the aperture, or light there
-    cut_short: float = 0.0  # light through facets that were not cut as finely as they should be
+    lenses: bool = False  # whether Gauss nodes between rims were used, see `microfacets.Work`
+    cut_short: float = 0.0  # gain of facets that were not cut as finely as they should be
     # over smooth surfaces alone, every `stride`-th facet that brings light, and what it brings
     sampled_facets: NDArray[np.int64] = np.zeros(0, np.int64)
     sampled_gain: Floats = np.zeros(0)
@@ -92,8 +96,8 @@ class AimedChains:
     unresolved : str
         `Physics.unresolved`.
     search : {"usual", "thorough"}
-        "thorough" asks every facet for crossings of every chain; "usual" does so for a share of
-        the chains, which count by its inverse: unbiased, with noise of its own.
+        "thorough" searches every facet for crossings of every chain; "usual" does so for a share of
+        the chains and divides by that share: unbiased, with more noise.
     """
 
     def __init__(
@@ -204,9 +208,10 @@ class AimedChains:
     def together(self, receivers: Sequence[int], chains: ChainSet) -> Iterator[list[int]]:
         """Yield receivers that a set of chains is aimed at together.
 
-        Over random slopes those that share the crossings of still water of one of them.
+        Over random slopes these are receivers close to one of them, whose crossings of still water
+        serve them all.
         """
-        # a crossing that is searched belongs to one receiver alone
+        # Crossings that Newton searches belong to one receiver alone.
         most = max(_TOGETHER // len(chains.audit), 1) if self.blurred else 1
         groups: dict[int, list[int]] = {}
         for r in receivers:
@@ -219,8 +224,8 @@ class AimedChains:
     ) -> Aimed:
         """Return the scores (wavelengths, chains) of a set, and its unblocked arrivals if `keep`.
 
-        To one receiver, or to receivers `together`: then column m n + i is chain i of n at the
-        m-th receiver.
+        To one receiver, or to receivers `together`: then column m * n + i is chain i of n to the
+        m-th of the receivers.
         """
         receivers = [receivers] if isinstance(receivers, int) else receivers
         # several wavelengths are weights of the arrivals of one
@@ -271,7 +276,7 @@ class AimedChains:
         # paths are those of the base, whatever the dispersion: its indices
         medium = medium._replace(n_water=base.n_water, n_air=base.n_air)
         calibration.medium = with_raster(medium, self._intersector)
-        # records of its own: the error of the gains is that of the light at the base
+        # not those of the base: errors of gains are asked for at the base
         calibration._last = {}
         aimed.tinting, aimed._calibration = tinting, (farthest, calibration)
         return aimed
@@ -323,7 +328,7 @@ class AimedChains:
     def chain_tints(
         self, source: int, chains: ChainSet, arrivals: NDArray[np.void], tints: Tints | None
     ) -> Floats:
-        """Return the sums (arrivals, tints) of the chains that arrive from a source."""
+        """Return the log weights (arrivals, tints) of the chains that arrive from a source."""
         sums = np.zeros((len(arrivals), len(tints.c) if tints else 0))
         if tints:
             emitter = self.link.emitters[source]
@@ -331,7 +336,7 @@ class AimedChains:
         return sums
 
     def straight_tints(self, start: Emitter, ends: Floats, tints: Tints | None) -> Floats:
-        """Return the sums (ways, tints) of straight ways from a source to ends (ways, 3)."""
+        """Return the log weights (ways, tints) of straight ways from a source to ends (ways, 3)."""
         sums = np.zeros((len(ends), len(tints.c) if tints else 0))
         if tints:
             tint_straight(start.position, ends, self.clear, tints, sums)
@@ -339,7 +344,7 @@ class AimedChains:
 
     @property
     def clear(self) -> Medium:
-        """The water with its bubbles alone: kernels take its scattering from `tints`."""
+        """The water with b = 0, so that bubbles alone scatter: `tints` has the water itself."""
         return self.medium._replace(b=0.0, layered=False)
 
     def direct_gains(
@@ -353,9 +358,9 @@ class AimedChains:
         """Return the unscattered gain of each facet, or of `facets`; deterministic.
 
         From the centre of the source, or from the point `at`. Random slopes are left out where
-        unscattered light is `sampled`. A facet that source or receiver cannot see brings nothing:
-        of those that waves may hide the ways to the centroid are checked. Parts of facets are
-        `longer` times as long as usual, with fewer nodes if so: the change tells the error.
+        unscattered light is `sampled`. A facet has no gain if waves hide its centroid from source
+        or receiver. Parts of facets are `longer` times as long as usual; if that is more than 1,
+        with fewer nodes: the change of the gain tells its error.
         """
         scene = self._forwards(source, receiver, at)
         gain = np.zeros(len(self._mesh.faces))
@@ -491,7 +496,7 @@ class AimedChains:
         cos_t, cos_i = math.sqrt(1.0 - sin_t**2), math.sqrt(1.0 - (sin_t / n) ** 2)
         # a slope ds turns light by (n cos i / cos t - 1) ds, a flat plane meets it at h / cos^2 t
         lever = height * abs(n * cos_i / cos_t - 1.0) / cos_t**2
-        # the stretch of a crossing at hand is checked there, by `unscattered._flat_stretch`
+        # Without the 78 degrees: where a crossing is known, `unscattered._flat_stretch` is checked.
         sin_t = min(target.sin_widest, flattest * min(n, 1.0))
         cos_t, cos_i = math.sqrt(1.0 - sin_t**2), math.sqrt(1.0 - (sin_t / n) ** 2)
         stretch = 1.0 + n * height / depth * max((cos_i / cos_t) ** 3 / 1.5, 1.0)
@@ -527,7 +532,7 @@ def search_extent(surface: MeshArrays, facets: NDArray[np.void], bins: Locator) 
     """Return the extent of the search for roots, `widest` beyond the reach of a target."""
     near = bins.facet if len(bins.facet) else slice(None)
     return Search(
-        # Newton does not settle where normals jump from facet to facet: all of them are searched
+        # Newton does not converge where normals jump from facet to facet: search all facets then
         audit=_AUDITED if surface.interpolate else 1.0,
         slope=surface.max_slope,
         margin=2.0 * float(facets["radius"][near].max()),
@@ -537,7 +542,7 @@ def search_extent(surface: MeshArrays, facets: NDArray[np.void], bins: Locator) 
 
 
 def _one_block(facets: NDArray[np.int64]) -> microfacets.Blocks:
-    """Return facets in a block without bounds: each of them is looked at."""
+    """Return facets in one block of infinite size, which excludes none of them."""
     wide = np.full(1, math.inf)
     return microfacets.Blocks(np.array([0, len(facets)]), facets, np.zeros((1, 3)), wide, wide)
 
@@ -597,7 +602,7 @@ def on_disk(center: Vec3, end: Emitter | Target, disk: Floats) -> Floats:
 def compile_evaluation(link: Link, mesh: TriangleMesh, normals: str = "vertex") -> None:
     """Compile the kernels that evaluate chains of a link over a mesh, in the order of their use.
 
-    Those that draw chains take as long to compile: a second process can take its share.
+    The kernels that draw chains take as long to compile, and a second process can compile them.
 
     Parameters
     ----------
