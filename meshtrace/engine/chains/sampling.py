@@ -30,27 +30,27 @@ DIMENSIONS = 3
 class Chains(NamedTuple):
     """Chains of one order, one row each."""
 
-    vertex: NDArray[np.float64]  # (n, K, 3) positions relative to the source
+    vertex: NDArray[np.float64]  # (n, K, 3) positions relative to the source [m]
     kind: NDArray[np.int8]  # (n, K) scatterer: 0 water, 1 bubble
     last: NDArray[np.float64]  # (n, 3) direction of the open segment
     path: NDArray[np.float64]  # (n,) length up to the last vertex [m]
-    weight: NDArray[np.float64]  # (n,) 1 / (density of distances, probability of the kinds)
+    weight: NDArray[np.float64]  # (n,) 1 / (density of distances [m-K], probability of the kinds)
     disk: NDArray[np.float64]  # (n, 2) point of the unit disk aimed at
     tail: NDArray[np.float64]  # (n, 3) last vertex, where the open segment starts; 0 without one
     tilt: NDArray[np.float64]  # (n, 2) random slopes along and across the wind, in deviations
 
 
 class Nominal(NamedTuple):
-    """Expected collisions along the straight path to the surface."""
+    """Expected collisions along the vertical path from the source to the surface."""
 
     distance: float  # [m]
     c: float  # attenuation of the free-path part [m-1]
     step: float  # [m] of the tables below
     share: NDArray[np.float64]  # cumulative share of collisions at the nodes, 0 to 1
-    density: NDArray[np.float64]  # (nodes,) linear density of collisions [m-1]
+    density: NDArray[np.float64]  # (nodes,) probability density of collisions [m-1], linear between
     bubble: NDArray[np.float64]  # (nodes,) share of bubbles among the scatterers
     expected: float  # number of collisions on the way
-    stretch: NDArray[np.float64]  # (m,) lengths of the ways that chains fill, over `distance`
+    stretch: NDArray[np.float64]  # (m,) lengths of slanted ways to the surface, over `distance`
     mixture: NDArray[np.float64]  # (m + 2,) shares: free paths, each stretch, fitted chains
 
 
@@ -62,7 +62,7 @@ def _distance(nominal, u):
     Inside a cell the density is linear, so that the inverse is a quadratic.
     """
     low, high = 0, len(nominal.share) - 1
-    # bisection: the first node at or above the share u
+    # bisection: share[low] <= u < share[high], neighbours at the end
     while high - low > 1:
         mid = (low + high) // 2
         if nominal.share[mid] <= u:
@@ -81,6 +81,9 @@ def _distance(nominal, u):
 @entry
 def make_chains(chains, nominal, medium, uniforms, component):
     """Fill chains of order K from uniforms of shape (n, 3 K + 4).
+
+    Those of a chain are distance, polar angle and azimuth of each vertex, two for the disk, two for
+    the tilt. `component` (n,) is the index in `Nominal.mixture` of what draws its distances.
 
     Array twin: `tests/engine/chains/test_chains.py`.
     Distances are free paths (`component` 0), sorted draws from the nominal profile, stretched
@@ -102,6 +105,7 @@ def make_chains(chains, nominal, medium, uniforms, component):
         at = chains.vertex[i]  # at[k, 0] holds the path length of vertex k until it is placed
         for k in range(order):
             if component[i] == fitted:
+                # fractions of the length; the last vertex ends it, its uniform draws the length
                 _insert(at, k, u[3 * k] if k < order - 1 else 1.0)
             elif component[i] == 0:
                 before = at[k - 1, 0] if k > 0 else 0.0
@@ -144,7 +148,7 @@ def make_chains(chains, nominal, medium, uniforms, component):
 
 @inlined
 def _insert(at, k, s):
-    """Insert a path length into the first k, which are sorted."""
+    """Insert the path length s into the first k of `at`, which are sorted."""
     j = k
     while j > 0 and at[j - 1, 0] > s:
         at[j, 0] = at[j - 1, 0]
@@ -158,7 +162,8 @@ def _fitted_length(at, nominal, medium, u):
 
     The chain of unit length ends at q with the direction v; the open segment t follows the law of
     free paths up to the radius D, and the length T solves |T q + t v| = D. The spheres, one for
-    each stretch but the first, pass through crossings at several distances.
+    each stretch but the first, pass through crossings at several distances. The uniform of the last
+    distance draws sphere and t.
     """
     order = at.shape[0]
     q, d, before = ORIGIN, UP, 0.0
@@ -204,7 +209,7 @@ def _fitted_density(q, v, total, order, nominal):
 
 @inlined
 def _place(chains, i, nominal, medium, u):
-    """Turn path lengths into positions; return 1 / probability of the chosen scatterers."""
+    """Turn path lengths into vertices, last and tail; return 1 / probability of the scatterers."""
     at = chains.vertex[i]
     p, d = ORIGIN, UP
     before = 0.0
@@ -213,7 +218,7 @@ def _place(chains, i, nominal, medium, u):
         length = at[k, 0] - before
         before = at[k, 0]
         p = along(p, d, length)
-        # the height decides which scatterer is likely: a chain turned aside stays deeper
+        # by the height along the vertical, not the length: a chain that turns aside stays deeper
         share = lookup(nominal.bubble, max(p.z, 0.0) / nominal.step)
         u_theta = u[3 * k + 1]
         # One uniform chooses the scatterer and, rescaled, the angle: a dimension less for the Sobol

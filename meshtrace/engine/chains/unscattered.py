@@ -38,14 +38,14 @@ from meshtrace.kernels.vectors import (
 
 # Sizes of parts, tuned: an image's error falls with the square of its size, the time rises with its
 # inverse square. `tests/engine/chains/test_unscattered.py` holds the result.
-_EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over the depth
+_EDGE = 0.002  # longest edge of a part whose image is taken for a triangle, over the source's depth
 BEAM_SHARE = 0.03  # longest edge of a part over the width of the beam: its light is near linear
-_GAUSSIAN_SHARE = 0.07  # the same for Gaussian beams: equal parts converge exponentially
-VIEW_SHARE = 0.06  # the same over the radius of the field of view, at its edge
-_FINEST = 1.0 / 64.0  # of the longest edge, however narrow the view: bounds the time
+_GAUSSIAN_SHARE = 0.07  # BEAM_SHARE of Gaussian beams: sums over equal parts converge exponentially
+VIEW_SHARE = 0.06  # longest edge of a part at the edge of the view, over the radius of the view
+_FINEST = 1.0 / 64.0  # least edge for a narrow view, over the longest of _EDGE: bounds the time
 _STRAIGHT = 0.1  # relative change of the stretch of an image along the longest edge of a part
 _GRAZING = 0.1  # cosine of the edge of views that accept light along the surface
-_FLATTEST = 1e-4  # cosine of such light: bounds a stretch that would be infinite
+_FLATTEST = 1e-4  # least cosine of light through such a view: bounds its stretch, else infinite
 _ROUNDING = 1e-13  # share of the disk's squared radius: smaller overlaps are none
 STACK = 128
 """Parts of a large facet that wait to be cut: three more at each of 40 halvings."""
@@ -125,7 +125,10 @@ def solid_angle(a, b, c):
 
 @inlined
 def _sector(p, q, r):
-    """Return signed area and first moments of the sector of the disk r between two rays."""
+    """Return signed area [m2] and first moments [m3] of a sector of the disk of radius r about O.
+
+    It lies between the rays from the origin O through p and q.
+    """
     # signed, and right for any two rays less than half a turn apart
     angle = math.atan2(cross2(p, q), dot2(p, q))
     s, t = r / math.hypot(p.x, p.y), r / math.hypot(q.x, q.y)
@@ -136,7 +139,10 @@ def _sector(p, q, r):
 
 @inlined
 def _edge_part(a, b, r):
-    """Return signed area and first moments of the overlap of disk r and triangle (origin, a, b)."""
+    """Return signed area and first moments of the overlap of disk r and triangle (origin, a, b).
+
+    Units are those of `_sector`.
+    """
     d = minus2(b, a)
     d2 = dot2(d, d)
     if d2 == 0.0 or a.x * b.y == a.y * b.x:
@@ -186,7 +192,7 @@ def view_margin(p, r, flight, target, fov):
     r is the direction in the air.
     """
     if fov == FieldOfView.ANGLE:
-        # the sine of an angle for the angle: all that counts lies near the edge
+        # flight * sin(half - theta) for an arc: exact at the edge, where it decides
         cosine, half = dot(r, target.axis), target.cos_half_fov
         # sin(half - theta) = cos(theta) sin(half) - cos(half) sin(theta)
         inside = cosine * math.sqrt(max(1.0 - half * half, 0.0))
@@ -197,7 +203,9 @@ def view_margin(p, r, flight, target, fov):
 
 @inlined
 def view_radius(height, target, fov):
-    """Return the radius of the field of view at a distance along its axis [m].
+    """Return a length that scales the field of view at a distance along its axis [m].
+
+    For a cone it is its sine times the distance, the scale of `view_margin`.
 
     Array twin: none, a scale.
     """
@@ -208,7 +216,7 @@ def view_radius(height, target, fov):
 
 @inlined
 def carried(accepted, p, m, scene):
-    """Return the accepted share times intensity [sr-1] and transmittance of surface and water.
+    """Return `share` times intensity [sr-1] and transmittances of the surface and the water.
 
     m is the `Aim` at the crossing p.
     """
@@ -249,11 +257,11 @@ def image_gain(scene, facets, longer, stretch, lever, bend, stack, gain):
 
     Array twin: quadrature over the aperture with the analytic sinusoid.
     The image of a part of a facet is taken for a triangle: its gain is the light in its solid
-    angle times the share of the image that lies on the disk. Folds and caustics count
-    themselves, since images overlap. `stretch` and `lever` bound |dX/dP| of a flat sea and
-    |dX/dslope|, `bend` the relative change of the first (`AimedChains.bounds_of`); `stack` is room
-    for (STACK, 3) integers. Parts are `longer` times as long as usual: the change tells the error
-    of the usual ones.
+    angle times the share of the image that lies on the disk. Folds and caustics need no care:
+    overlapping images add up. `stretch` and `lever` [m] bound |dX/dP| of a flat sea and
+    |dX/dslope|, `bend` [m-1] the relative change of the first (`AimedChains.bounds_of`); `stack` is
+    scratch for (STACK, 3) integers. Parts are `longer` times as long as usual: the change of the
+    gain tells the error of the usual ones.
     """
     # Beam tracing (Heckbert and Hanrahan 1984; Watt 1990 for caustics of water): a facet's beam is
     # refracted by its corners and clipped by the aperture.
@@ -284,11 +292,12 @@ def part_sizes(share, bend, scene):
     edge = min(max(_EDGE * depth, 0.005), 0.1)
     height = scene.target.center.z - scene.surface.high[2]
     view = VIEW_SHARE * view_radius(height, scene.target, scene.interface.fov)
-    # light along the surface: an image is a triangle, and total reflection ends at a straight
-    # line, for small parts alone
+    # Where light leaves along the surface, only the image of a small part is a triangle, and only
+    # over a small part the limit of total reflection is a straight line.
     straight = _STRAIGHT / max(bend, 1e-300)
     fine = min(edge, share * beam_width(scene.emitter) * depth, max(view, _FINEST * edge), straight)
-    # The bound on the image is of first order: tuned, so that larger parts are cut without it.
+    # The bound on the image is of first order; larger parts are cut without it. 5 and 20 are tuned:
+    # light that is missed against time.
     # Light into the denser side is nowhere stretched more than at normal incidence.
     return fine, math.inf if scene.mirrored else min(5.0 * edge, 20.0 * straight)
 
@@ -303,7 +312,8 @@ def unless_hidden(total, f, scene):
         return total
     p = Vec3(scene.facets[f].x, scene.facets[f].y, scene.facets[f].z)
     slope, below, above = scene.surface.max_slope, scene.emitter.position, scene.target.center
-    # one ray to either end for a whole facet: it is small, or the water is level
+    # One ray to either end serves a whole facet: facets are small, or the water is level and hides
+    # nothing.
     for end, is_air in ((below, scene.mirrored), (above, not scene.mirrored)):
         way = minus(p, end)
         steep = abs(way.z) > slope * math.hypot(way.x, way.y)
@@ -315,7 +325,7 @@ def unless_hidden(total, f, scene):
 
 @inlined
 def whole_facet(n, stack):
-    """Put a facet on a stack; return the first power of two from n on, and the stack's height.
+    """Put a facet on a stack; return the least power of two >= n, and the stack's height.
 
     Array twin: numpy.log2.
     The stack holds (i, j, side) of parts, see `Part`.
@@ -330,15 +340,15 @@ def whole_facet(n, stack):
 
 @outlined
 def next_part(f, n, landing, stack, top, shot, scene):
-    """Return the next smallest `Part` that may shine, and the height of the stack.
+    """Return the next `Part` of side 1 that may send light to a `Landing`, and the stack's height.
 
     Array twin: all parts of a facet.
-    Parts that may send unscattered light to the `Landing` are quartered; side 0: none is left.
+    Larger parts that may send light there are quartered. A part of side 0: the stack is empty.
     """
     while top > 0:
         top -= 1
         part = part_on(stack, top, f, n)
-        # the smallest parts of the grid are not cut: their images are triangles
+        # the smallest parts of the grid are returned without a test of their own
         if abs(part.side) == 1:
             return part, top
         if _may_shine(part, landing, shot, scene):
@@ -368,14 +378,14 @@ def _may_shine(part, landing, shot, scene):
     size, center = facet.radius * share, scene.target.center
     if is_beside(p.x - center.x, p.y - center.y, scene.target.reach + size, landing):
         return False
-    # Bounds on the image hold for small parts: larger ones are cut without a look at their image,
-    # unless no light leaves them.
+    # Bounds on the image hold for small parts. Larger ones are cut in any case, unless all light is
+    # totally reflected.
     if size > landing.coarse:
         return not _is_reflected(p, size, f, scene)
     m = crossing.aim_at(p.x, p.y, f, shot, scene)
     if m.ok:
-        # flatter light than any that lands there is stretched more on its way; 1.5 for the higher
-        # orders over a part
+        # Flat light at this crossing may be stretched more than `stretch`, which bounds light that
+        # lands; 1.5, tuned, leaves room for higher orders over a part.
         reach = size * max(landing.stretch, 1.5 * _flat_stretch(m, scene))
         return not is_beside(m.at.x, m.at.y, landing.radius + reach, landing)
     for q in corners_of(part, scene.surface):
@@ -507,7 +517,7 @@ def in_view(a, b, c):
 
 @inlined
 def corner(p, f, shot, scene):
-    """Return a corner with its image.
+    """Return the `Corner` at a point P of facet f.
 
     Array twin: `crossing.aim_at`, which has its own.
     """
@@ -535,7 +545,7 @@ def _image_light(a, b, c, f, shot, scene):
     det = cross2(ab, ac)
     radius = scene.target.radius
     u = v = 1.0 / 3.0
-    if abs(det) < 1e-14:  # a caustic: the image is a point or a line
+    if abs(det) < 1e-14:  # [m2], a caustic: the image is a point or a line
         share = 1.0 if dot2(a.at, a.at) <= radius * radius else 0.0
     else:
         area, center = disk_overlap(a.at, b.at, c.at, radius)
