@@ -22,27 +22,27 @@ from meshtrace.kernels.scene import height_on
 from meshtrace.kernels.sources import beam_width, dark_angle, is_dark
 from meshtrace.kernels.vectors import Vec2, Vec3, along, cross2, minus, minus2, norm, scaled
 
-_ROUNDING = 1e-12  # share of an image, below which a cell has none of it
-_AT_EDGE = 8  # points along a cell at the edge of the field of view: 1/8 of a cell, or time
+_ROUNDING = 1e-12  # share of an image below which its overlap with a cell is rounding
+_AT_EDGE = 8  # points along a cell at the edge of the field of view: resolves 1/8 of a cell; tuned
 
 
 class Cells(NamedTuple):
-    """Square cells of a plane, from the centre of an aperture."""
+    """Square cells of the aperture's plane; coordinates are from its centre."""
 
-    x: float  # corner of the first cell [m]
+    x: float  # lower corner of the first cell [m]
     y: float
     step: float  # edge of a cell [m]
     n: int  # along each axis
 
 
 class Box(NamedTuple):
-    """Range of cells, both ends included, and the points along each that resolve their light."""
+    """Range of cells, both ends included, and the Gauss nodes that resolve their light."""
 
-    west: int
+    west: int  # indices along x
     east: int
-    south: int
+    south: int  # indices along y
     north: int
-    across: int  # points along a cell
+    across: int  # nodes along an edge of a cell
 
 
 @inlined
@@ -81,7 +81,7 @@ def _moments(poly, n):
     area, mx, my = 0.0, 0.0, 0.0
     if n < 3:
         return area, Vec2(mx, my)
-    # Fan of triangles about the first corner, from which small areas keep their digits.
+    # A fan of triangles about the first corner: distances from it keep the digits of small areas.
     ox, oy = poly[0, 0], poly[0, 1]
     for k in range(1, n - 1):
         ax, ay = poly[k, 0] - ox, poly[k, 1] - oy
@@ -95,7 +95,7 @@ def _moments(poly, n):
 
 @outlined
 def _free(p, m, scene):
-    """Return whether no wave cuts unscattered light before or behind its crossing."""
+    """Return whether no wave cuts unscattered light before or behind its crossing p of `Aim` m."""
     source = scene.emitter.position
     if not is_free(source, m.d, m.length, scene.surface, scene.locator):
         return False
@@ -106,12 +106,12 @@ def _free(p, m, scene):
 
 @outlined
 def _radiant(x, y, f, shot, scene):
-    """Return the transmitted intensity [sr-1] at a crossing inside the field of view."""
+    """Return the transmitted intensity [sr-1] over (x, y) on facet f; 0 if waves cut it off."""
     m = aim_at(x, y, f, shot, scene)
     if not m.ok:
         return 0.0
     p = Vec3(x, y, height_on(x, y, f, scene.surface))
-    # the dearest test last: rays through the waves
+    # last the test that costs most: rays through the waves
     if not (is_steep(m, scene) or _free(p, m, scene)):
         return 0.0
     return unscattered.carried(1.0, p, m, scene)
@@ -215,7 +215,7 @@ def image_map(scene, cells, longer, stretch, lever, bend, stack, poly, colours, 
     For stretch, lever and bend see there; `poly` is room for two polygons, (2, 16, 2).
     """
     shot = straight_shot(0.0, 0.0, scene)
-    # every facet once, for all cells: one of its images lies in few of them
+    # Facets are the outer loop: the image of a part lies in few cells.
     fine, coarse = unscattered.part_sizes(unscattered.BEAM_SHARE, bend, scene)
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
@@ -231,9 +231,9 @@ def image_map(scene, cells, longer, stretch, lever, bend, stack, poly, colours, 
 def blurred_map(scene, cells, longer, stretch, most, across, rules, colours, gain):
     """Add the unscattered light (x, y, wavelengths) of cells through random slopes.
 
-    Returns False if a facet has to be cut into more than `most` parts along an edge. `across`
-    points along a cell resolve any of its light but that at the edge of the field of view. Parts
-    of facets are `longer` times as long as usual. `rules` are `aimed.gauss_rules`.
+    Returns False if a facet has to be cut into more than `most` parts along an edge. `across` Gauss
+    nodes along an edge of a cell suffice except at the edge of the field of view. Parts of facets
+    are `longer` times as long as usual. `rules` are `aimed.gauss_rules`.
 
     Array twin: `microfacets.blurred_gain` of one aperture.
     """
@@ -257,10 +257,9 @@ def blurred_map(scene, cells, longer, stretch, most, across, rules, colours, gai
         if box.west > box.east or box.south > box.north:
             continue
         a, b, c = corners(scene.surface.vertices, f, scene.surface.faces)
-        # an aperture where that light lands: slopes needed for it are those left to chance
+        # An aperture where that light lands. The slopes that refract light there tell the number of
+        # parts, since light is brightest there.
         here = unscattered.aperture_at(Vec3(center.x + x, center.y + y, center.z), scene)
-        # The number of parts follows from the slopes needed for the cell straight ahead, where the
-        # light is brightest.
         change, _ = microfacets.slope_change(f, a, b, c, here)
         if math.isinf(change) and not m.ok:
             change = 0.0  # light is reflected there
@@ -277,12 +276,12 @@ def blurred_map(scene, cells, longer, stretch, most, across, rules, colours, gai
 
 @outlined
 def _cells_in_reach(p, way, m, f, size, most, cells, scene):
-    """Return the `Box` of the cells that random slopes may light through a facet.
+    """Return the `Box` of the cells that light may reach through a facet by random slopes.
 
     Array twin: none, a bound.
     The box about the ellipse of the largest slopes, for slopes linear in the landing point. `way`
     leads from the source to the centroid p, m is the `Aim` there without random slopes, `size` [m]
-    that of the image of the facet.
+    that of the image of the facet, `most` the largest number of nodes along a cell.
     """
     whole = Box(0, cells.n - 1, 0, cells.n - 1, most)
     length = norm(way)
@@ -290,8 +289,9 @@ def _cells_in_reach(p, way, m, f, size, most, cells, scene):
     w, step = scaled(1.0 / length, way), 0.05 * m.flight
     n = normal_at(p.x, p.y, f, scene.surface)
     if not m.ok:
-        # Totally reflected by the mesh: random slopes may still let light pass. Cells narrower than
-        # the spot can be asked one by one, see `_reached`.
+        # Totally reflected by the mesh: random slopes may still let light pass. `most` is also the
+        # size of a cell in deviations of the light. Cells smaller than a spot can be tested one by
+        # one, see `_reached`.
         if most < microfacets.MOST_SLOPE:
             return _reached(p, n, w, length, size, most, cells, scene)
         return whole
@@ -319,10 +319,10 @@ def _cells_in_reach(p, way, m, f, size, most, cells, scene):
 
 @outlined
 def _reached(p, n, w, length, size, most, cells, scene):
-    """Return the `Box` of the cells whose centres some random slope lights through a facet.
+    """Return the `Box` of the cells to whose centres some random slope refracts light.
 
     Array twin: none, a bound.
-    Cells are narrower than all slopes that occur: none is lit between two centres alone.
+    The light of a point of the facet is wider than a cell, so that none falls between two centres.
     """
     # The landing points of a facet spread by its size about those of its centroid.
     pad = math.ceil(size / cells.step)
@@ -366,7 +366,10 @@ def _blurred_part(part, box, cells, rules, scene, colours, gain):
 
 @outlined
 def _blur(pencil, x, y, cells, across, rules, scene):
-    """Return the mean density over a cell of the light of a pencil of unit flux [m-2]."""
+    """Return the mean over a cell of the density [m-2] of a pencil's light, for a flux of 1.
+
+    (x, y) is the middle of the cell.
+    """
     total = 0.0
     middle, normal, w = pencil.middle, pencil.normal, pencil.w
     nodes, shares = rules[0, across - 1], rules[1, across - 1]

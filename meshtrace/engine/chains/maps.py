@@ -25,8 +25,9 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 
-_COARSEST = 16  # points along a cell that resolve the blur by random slopes, at most: 256 a cell
-# take as long as sampled chains
+# Most nodes along an edge of a cell to resolve the blur by random slopes: 16^2 nodes a cell take as
+# long as sampled chains.
+_COARSEST = 16
 
 
 def unscattered_map(
@@ -38,11 +39,11 @@ def unscattered_map(
     tinting: Tinting = UNTINTED,
     lengths: tuple[float, float] = (1.0, 2.0),
 ) -> tuple[Floats, Floats] | None:
-    """Return the unscattered gain of the first receiver, were it in each of the cells of a map.
+    """Return the unscattered gains of the first receiver, moved to each cell, and their errors.
 
-    And its error. Shapes (n, n, wavelengths), x and y rising; the receiver keeps its height, area
-    and view. The gain is that by parts of facets of the first of the `lengths`, over the usual one;
-    the error follows from the second (see `AimedChains.relative_error`).
+    Shapes (n, n, wavelengths), x and y rising; the receiver keeps its height, area and view. The
+    `lengths` of parts of facets are over the usual one: the first gives the gain, the change by the
+    second its error (see `AimedChains.relative_error`).
 
     Light counts that crosses the surface once, at its first arrival, and meets nothing else. None
     where it has to be sampled: for extended sources, light from the air, receivers in the water or
@@ -82,8 +83,9 @@ def unscattered_map(
             # a cell stands for the aperture: light per area, times the area of the aperture
             gain += power * target.area / step**2 * cell_gains
     least = LEAST_ERROR if aimed.rough else LEAST_IMAGE_ERROR
-    # Errors of both signs, as those at the rim of a view, may cancel in a cell: the change in its
-    # neighbours, too. At the rim they are of first order over random slopes, so all of it counts.
+    # Errors of both signs, as those at the rim of a view, may cancel in a cell: average the squares
+    # over its neighbours, too. At the rim errors are of first order over random slopes, so that the
+    # whole change is taken.
     square = uniform_filter((longer - total) ** 2, (3, 3, 0), mode="nearest")
     square[(total == 0.0) & (longer == 0.0)] = 0.0  # dark: no part lands there
     # running sums may round below zero
@@ -94,9 +96,9 @@ def _image(
     aimed: AimedChains, target: Target, cells: Cells, tinting: Tinting, emitter: Emitter,
     longer: float,
 ) -> Floats | None:  # fmt: skip
-    """Return the gain (n, n, wavelengths) of apertures as large as cells; None to sample it.
+    """Return the gain (n, n, wavelengths) of apertures as large as cells.
 
-    Parts of facets are `longer` times as long as usual.
+    None: light has to be sampled. Parts of facets are `longer` times as long as usual.
     """
     scene = aimed.scene(emitter, target)
     n_colours, n_tints = tinting.shares.shape

@@ -41,7 +41,10 @@ class Chains(NamedTuple):
 
 
 class Nominal(NamedTuple):
-    """Expected collisions along the vertical path from the source to the surface."""
+    """Expected collisions along the shortest straight way from the source to the surface.
+
+    Its tables follow the distance along that way, from the source.
+    """
 
     distance: float  # [m]
     c: float  # attenuation of the free-path part [m-1]
@@ -90,7 +93,7 @@ def make_chains(chains, nominal, medium, uniforms, component):
     to a slanted way (component j: by `stretch[j - 1]`), or fitted (the last component): the chain
     is scaled to end a free path below the surface, at whatever length its turns require. The
     weight divides by the density of the mixture (one-sample balance heuristic). Without stretches,
-    chains longer than the vertical way have the small density of the free paths alone, and large
+    chains longer than the shortest way have the small density of the free paths alone, and large
     weights; without fitted chains, most chains of many turns end far below the surface.
     """
     # Multiple importance sampling of the lengths of a history whose shape is drawn by the phase
@@ -218,7 +221,7 @@ def _place(chains, i, nominal, medium, u):
         length = at[k, 0] - before
         before = at[k, 0]
         p = along(p, d, length)
-        # by the height along the vertical, not the length: a chain that turns aside stays deeper
+        # by the progress along the emission, not the length: a chain that turns aside stays deeper
         share = lookup(nominal.bubble, max(p.z, 0.0) / nominal.step)
         u_theta = u[3 * k + 1]
         # One uniform chooses the scatterer and, rescaled, the angle: a dimension less for the Sobol

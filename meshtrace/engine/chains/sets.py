@@ -38,8 +38,9 @@ from meshtrace.stored import SHIFTS
 # Which orders of scattering chains follow. `joe_kuo.txt` has points for 72 orders.
 _TAIL = 1e-7  # orders whose share of a Poisson law is smaller together are left out
 _MAX_ORDER = 72
-_MOST_CROWDED = 4.0  # density of collisions near the surface over the mean: chains fill the way
-_MOST_LEFT_OUT = 1e-3  # share of the light beyond the highest order
+_MOST_CROWDED = 4.0  # density of collisions in the upper half of the way over the mean, see
+# `ChainDrawer.last_order`; tuned: water that is refused against large weights
+_MOST_LEFT_OUT = 1e-3  # probability of more scatterings than the highest order
 
 # Memory and threads: digits depend on none of these.
 _MOST_CACHED = 2**15  # numbers in a set of points that is cached for the next surface: 256 kB
@@ -51,8 +52,8 @@ CROSSINGS = 4  # crossings of a flat sea that are stored for each chain; the oth
 # and each chain of a component that does not suit a link is lost to the others.
 _MIXTURE = np.array([0.1, 0.4, 0.15, 0.12, 0.1, 0.08, 0.05])  # free paths, then each of _STRETCH
 _STRETCH = np.array([0.0, 0.015, 0.05, 0.15, 0.4, 1.0])  # from the shortest way (0) to the longest
-_LONGEST_WAY = 1.3, 6.0  # least and greatest length of the longest way, over the shortest
-_FITTED = 0.8  # share of fitted chains in turbid water
+_LONGEST_WAY = 1.3, 6.0  # bounds of the longest way over the shortest
+_FITTED = 0.8  # share of fitted chains in turbid water, see `sampling.make_chains`
 
 _BITS = 30  # of a coordinate of a Sobol point, as in scipy
 _NO_POINTS = np.zeros((0, 0)), np.zeros((0, 0))
@@ -108,7 +109,7 @@ class Request(NamedTuple):
     def spans(self) -> list[slice]:
         """Return the rows of blocks for threads: whole shifts, or a part of one."""
         n, most = self.per_shift, min(self.per_shift, _LARGEST)
-        # no block has parts of two shifts: its points would be no slice of the net
+        # A block never has parts of two shifts: its points are a slice of the net.
         if most < n:
             ends = [slice(i, min(i + most, n)) for i in range(0, n, most)]
             return [slice(s * n + e.start, s * n + e.stop) for s in range(SHIFTS) for e in ends]
@@ -153,10 +154,10 @@ class ChainDrawer:
     link : ForcedLink
         The link.
     crest, ceiling : float
-        Height up to which collisions are expected, and above which chains do not end; in the
-        unit of the link's frame.
+        Height up to which collisions are expected, and height of the flat sea for chains that have
+        no crossing of still water; in the unit of the link's frame.
     ratios : sequence of float
-        Scattering coefficients, over that of the link, of the waters in which chains count.
+        Scattering coefficients, over that of the link, of all waters whose light is computed.
     """
 
     wavelengths = 1
@@ -188,23 +189,23 @@ class ChainDrawer:
     def last_order(self, source: int) -> int:
         """Return the highest order of the chains from a source; refuse too dense water.
 
-        Beyond it a Poisson law of the scatterings has less than 1e-7.
+        More scatterings have a Poisson probability of less than `_TAIL`.
         """
         medium, law = self.link.medium, self.nominals[source]
         b = medium.layer_b.mean() if medium.layered else medium.b
-        # scattered light goes a longer way than straight light: a fifth is allowed for it
+        # 1.2, tuned: scattered light goes a longer way than straight light
         most = 1.2 * max(law.expected, b * law.distance + float(medium.bubble_path[-1]))
         if b == 0.0 and medium.bubble_path[-1] == 0.0:
             return 0
-        # orders end at _MAX_ORDER: denser water would lose light without a sign
+        # Orders end at _MAX_ORDER: light of denser water would be lost without notice.
         if 1.0 - poisson_law(1.2 * law.expected).sum() > _MOST_LEFT_OUT:
             raise Refused(
                 "water",
                 f"{law.expected:.3g} scatterings expected on the way to the surface",
                 f'nearly all light within {_MAX_ORDER}; else estimator="analog"',
             )
-        # Sorted draws fill the straight way; light that dwells in a layer near the surface has its
-        # collisions elsewhere than they, and large weights.
+        # Draws from the profile follow the straight way. Light that wanders in a layer near the
+        # surface has its collisions elsewhere, and large weights.
         upper = float(law.density[len(law.density) // 2 :].max()) * law.distance
         if medium.layered and upper > _MOST_CROWDED and law.expected > 2.0:
             raise Refused(
@@ -298,7 +299,7 @@ class ChainDrawer:
         u = shifted(points[first : first + len(drawn.audit)], shifts[block.shifts_in])
         drawn.audit[:] = u[:, -2]
         law = self.nominals[source]
-        # one-sample balance heuristic: one coordinate picks the component, all densities weigh
+        # one coordinate picks the component, see the balance heuristic in `make_chains`
         component = np.searchsorted(np.cumsum(law.mixture)[:-1], u[:, -1])
         kernel.make_chains(drawn.chains, law, self.link.medium, u, component)
         self.place_points(drawn.chains)
@@ -318,7 +319,7 @@ class ChainDrawer:
         return out
 
     def _still_water(self, source: int, receiver: int) -> tuple[Floats, Scene, Scene]:
-        """Return the starts of the search for crossings of still water, and the water itself.
+        """Return the starts (x, y) of the search for flat crossings, and two scenes of flat water.
 
         The water is at the mean level, and at the ceiling for chains that end above that level.
         """
@@ -344,7 +345,8 @@ def levels(link: ForcedLink, crest: float) -> tuple[float, float]:
     """
     top = max(crest, 0.0) / link.frame.unit
     lowest = min(t.center[2] for t in link.targets)
-    # above the highest crest, as light may come down to a trough; at most half way to a receiver
+    # above the highest crest, as light may come down to a trough; at most half way to a receiver;
+    # 0.25 is tuned
     return top, top + min(0.25 * (top + 1.0), 0.5 * max(lowest - top, 0.0))
 
 
@@ -430,7 +432,7 @@ def shifted(points: Floats, shifts: Floats) -> Floats:
 
 @cache
 def _still_surface() -> MeshArrays:
-    """Return a square of still water; crossings beside it count, too: only its level is used."""
+    """Return a square of still water; only its level is used, so crossings beside it are valid."""
     return surface_arrays(flat_mesh(-np.ones(2), np.ones(2)), "facet")
 
 
@@ -443,9 +445,9 @@ def nominal(
 ) -> Nominal:
     """Return the expected collisions along the straight path to the highest crest.
 
-    The way is the shortest one to any of the targets. Chains are fitted for the turbid ones of the
-    waters with `ratios` of the scattering coefficient. Only a proposal: any law is unbiased, one
-    near the collisions of light that arrives has even weights.
+    The way is the shortest one to any of the targets. The share of fitted chains is that of turbid
+    waters among those with `ratios` of the scattering coefficient. Only a proposal: any law is
+    unbiased, one near the collisions of light that arrives has even weights.
     """
     depth = crest - emitter.position[2]
     n = medium.n_water / medium.n_air
@@ -465,7 +467,8 @@ def nominal(
     b = np.interp(below / medium.layer_step, np.arange(len(medium.layer_b)), medium.layer_b)
     if not medium.layered:
         b = np.full(nodes, medium.b)
-    # chains are turned and waves rise: points a little higher must be likely enough
+    # Each node takes the bubbles 0.3 m above it (tuned): chains are turned and waves rise, and
+    # bubbles must be likely enough there, too.
     at = (np.maximum(below - 0.3, 0.0) - medium.bubble_start) / medium.bubble_step
     b_bub = np.interp(at, np.arange(len(medium.bubble_b)), medium.bubble_b, right=0.0)
     total = np.maximum(b + b_bub, 1e-12)

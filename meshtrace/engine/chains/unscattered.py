@@ -215,13 +215,13 @@ def view_radius(height, target, fov):
 
 
 @inlined
-def carried(accepted, p, m, scene):
+def carried(share, p, m, scene):
     """Return `share` times intensity [sr-1] and transmittances of the surface and the water.
 
     m is the `Aim` at the crossing p.
     """
-    accepted *= intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
-    return accepted * math.exp(-straight_depth(p, m, scene.emitter.position, scene))
+    share *= intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
+    return share * math.exp(-straight_depth(p, m, scene.emitter.position, scene))
 
 
 @inlined

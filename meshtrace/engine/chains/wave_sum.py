@@ -1,8 +1,8 @@
 """Aiming over the exact sum of waves, the limit of its meshes.
 
 Crossings on a mesh of the same sea are the starts; Newton moves each to where the light crosses the
-exact surface, and the exact slopes and curvatures weigh it there. `studies.convergence` takes the
-difference for the error of the mesh.
+exact surface, and its weight follows from the exact slopes and curvatures there.
+`studies.convergence` takes the difference for the error of the mesh.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ _STRIDE = 0.5  # [m], longest step of Newton: a longer one jumps to another wave
 class Moved(IntEnum):
     """Counted outcomes of the displacement of a crossing to the exact surface."""
 
-    MOVED = 0
-    LOST = 1
-    MERGED = 2
+    MOVED = 0  # crossings that add to the score
+    LOST = 1  # Newton does not converge, or the crossing has no weight on the mesh
+    MERGED = 2  # lead to the same exact crossing as the one before
 
 
 class Waves(NamedTuple):
@@ -39,7 +39,7 @@ class Waves(NamedTuple):
 
     amplitude: NDArray[np.float64]  # (n,) [m]
     kx: NDArray[np.float64]  # (n,) [rad m-1]
-    ky: NDArray[np.float64]
+    ky: NDArray[np.float64]  # (n,) [rad m-1]
     phase: NDArray[np.float64]  # (n,) at the origin and this instant [rad]
 
 
@@ -78,8 +78,8 @@ def shape_at(waves, x, y):
 @inlined
 def _aim_beside(x, y, dx, dy, s, shot, scene):
     """Return the `Aim` of a crossing at (x + dx, y + dy), close to a point of known shape."""
-    # Slopes linear, heights by the tangent: exact in the limit of the difference step, and the
-    # waves need no further sum.
+    # Taylor: linear slopes, heights on the tangent. Derivatives are exact in the limit of small
+    # steps, and the waves need no further sum.
     slope_x, slope_y = s.zx + s.zxx * dx + s.zxy * dy, s.zy + s.zxy * dx + s.zyy * dy
     p = Vec3(x + dx, y + dy, s.z + s.zx * dx + s.zy * dy)
     return crossing.land_sloped(p, slope_x, slope_y, shot, scene)
@@ -117,8 +117,7 @@ def _exact_newton(x, y, waves, shot, scene):
 def _exact_weight(chains, i, x, y, waves, shot, scene):
     """Return |A| I(w) W / |det dX/dOmega| of chain i through a crossing of the exact surface.
 
-    As `gain.weigh` on a mesh, with slopes and curvatures of the waves: aperture's area times
-    intensity, scatterings and transmittance over the Jacobian of landing points.
+    As `gain.weigh` on a mesh, with slopes and curvatures of the waves; symbols as in `gain`.
     """
     # Facet -1: the normal is in the `Aim` already, no random slope is added.
     z, j = _exact_jacobian(x, y, waves, shot, scene)
@@ -159,8 +158,8 @@ def move_crossings(chains, arrivals, waves, scene, score, counters):
                 counters[Moved.MERGED.value] += 1
                 continue
         counters[Moved.MOVED.value] += 1
-        # A control by the mesh: its weight keeps roulette and multiplicity, the ratio is that of
-        # the surfaces.
+        # The weight on the mesh keeps the multiplicity by roulette; the ratio of exact to meshed
+        # weights replaces the surface.
         score[i] += a.weight * _exact_weight(chains, i, x, y, waves, shot, scene) / meshed
 
 
