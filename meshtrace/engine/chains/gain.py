@@ -560,13 +560,13 @@ def _is_clear(chains, i, path, scene):
 
 
 class Colours(NamedTuple):
-    """Functions of the wavelengths, and buffers for the factors of the last straight way."""
+    """Functions whose mixtures are the wavelengths, and factors on the last straight way."""
 
     tints: Tints | None  # None: one wavelength
     mixture: Mixture
     clear: Medium  # water with b = 0: its `scattering_path` is that of the bubbles alone
-    log_weights: NDArray[np.float64]  # (wavelengths,) scratch: logarithms along the way
-    factors: Factors  # on the weight of the last way
+    log_weights: NDArray[np.float64]  # (tints,) scratch: logarithms along the way
+    factors: Factors  # of the wavelengths, on the weight of the last way
 
 
 @outlined
@@ -582,11 +582,11 @@ def straight_factors(p, q, colours):
 
 @inlined
 def _add_way(p, q, clear, tints, log_weights):
-    """Add the logarithms of the transmittance from p to q at each wavelength to `log_weights`."""
+    """Add the logarithm of the transmittance from p to q by each of the tints to `log_weights`."""
     if tints is not None:
         length = norm(minus(q, p))
         tint_way(tints, log_weights, p.z, q.z, length)
-        # the excess optical depth by bubbles is that of the base times a factor per wavelength
+        # the excess optical depth by bubbles is that of the base times a factor of each tint
         depth = scattering_path(clear, p, q, length)
         for r in range(len(tints.c)):
             log_weights[r] -= tints.bubble_c[r] * depth
@@ -594,7 +594,7 @@ def _add_way(p, q, clear, tints, log_weights):
 
 @entry
 def tint_chains(chains, arrivals, emitter, clear, tints, out):
-    """Write the log weights (arrivals, wavelengths) of chains that arrive, see `kernels.tints`.
+    """Write the log weights (arrivals, tints) of chains that arrive, see `kernels.tints`.
 
     Array twin: direct runs of the wavelengths.
     `clear` is the water with b = 0, see `Colours`.
@@ -623,7 +623,7 @@ def tint_chains(chains, arrivals, emitter, clear, tints, out):
 
 @entry
 def tint_straight(start, ends, clear, tints, out):
-    """Write the log weights (ways, wavelengths) of straight ways from a point to ends (ways, 3).
+    """Write the log weights (ways, tints) of straight ways from a point to ends (ways, 3).
 
     Array twin: see `tint_chains`.
     """
