@@ -282,7 +282,8 @@ def with_error(gain: Floats, error: float) -> Floats:
 def shares_of(arrivals: NDArray[np.void], photons: int) -> Floats:
     """Return the factor (rows,) on the weight of each row in the gain by `photons` photons.
 
-    Their numbers are 0 ... `photons` - 1. Groups may differ by a photon: the gain is the mean over the means of the groups.
+    Their numbers are 0 ... `photons` - 1. Groups may differ by a photon: the gain is the mean over
+    the means of the groups.
     """
     in_group = np.bincount(np.arange(photons) % SHIFTS, minlength=SHIFTS)
     return np.asarray(1.0 / (SHIFTS * in_group[arrivals["photon"] % SHIFTS]))
