@@ -84,7 +84,7 @@ class Shot(NamedTuple):
 
     start: Vec3  # of the chain
     q: Vec3  # last vertex, relative to the start
-    v: Vec3  # direction
+    v: Vec3  # direction from q on
     goal: Vec2  # point in the plane of the aperture [m]
     branch: float  # +1 or -1: which intersection with a sphere, see `emission_through`
     tilt: Vec2  # random slopes along x and y, on top of those of the mesh
@@ -324,7 +324,7 @@ def flat_crossing(flat, x, y, shot, scene):
 def _left_behind(move, r, target):
     """Return the derivative of a landing point, from the centre, as the aperture moves.
 
-    The ray stays: the plane slides along it, and the centre moves away from under it.
+    The ray stays: the plane cuts it elsewhere, and the centre moves away by `move`.
     """
     off = along(scaled(-1.0, move), r, dot(move, target.axis) / dot(r, target.axis))
     return dot(off, target.e1), dot(off, target.e2)
@@ -332,7 +332,7 @@ def _left_behind(move, r, target):
 
 @inlined
 def _moved(moved, m, h):
-    """Return the change of the landing point from `Aim` m to another, times h."""
+    """Return the change of the landing point from `Aim` m to `moved`, times h (1 over the step)."""
     return (moved.at.x - m.at.x) * h, (moved.at.y - m.at.y) * h
 
 
@@ -451,7 +451,7 @@ def _may_hold(facet, flat, tilt):
     mx, my = flat.m11 * sx + flat.m12 * sy, flat.m21 * sx + flat.m22 * sy
     hx, hy = flat.h1 * dz, flat.h2 * dz
     move = abs(mx) + abs(my) + abs(hx) + abs(hy)
-    # over the facet the slope changes by its curvature times its size, which moves the crossing
+    # per change of slope on the facet, curvature times size, the crossing moves by at most `bend`
     bend = abs(flat.m11) + abs(flat.m12) + abs(flat.m21) + abs(flat.m22)
     reach = 0.5 * move + 2.0 * facet.radius * (1.0 + bend * facet.curvature)
     ex, ey = flat.x + mx + hx - facet.x, flat.y + my + hy - facet.y
@@ -460,9 +460,10 @@ def _may_hold(facet, flat, tilt):
 
 @outlined
 def corner_shines(f, shot, scene):
-    """Return whether light leaves the water at a corner of a facet, but not at its centroid.
+    """Return whether light leaves the water, towards the aperture, at any corner of a facet.
 
     Array twin: fine meshes of the same water in the tests.
+    It is asked where the centroid is totally reflecting, which says nothing of the corners.
     """
     for p in corners(scene.surface.vertices, f, scene.surface.faces):
         if aim_at(p.x, p.y, f, shot, scene).ok:
@@ -472,11 +473,11 @@ def corner_shines(f, shot, scene):
 
 @outlined
 def _facet_roots(roots, n, f, flat, shot, scene):
-    """Add the roots on facet f.
+    """Append the roots on facet f; return their number.
 
-    If its centroid lands farther from the point than |dX/dP| of a curved surface could bring
-    over the facet's size, it holds none. Where a fold of the map runs through a facet there
-    may be two: Newton starts from its corners too.
+    The facet is skipped if its centroid lands farther from the goal than landing points can move
+    over its size. Where a fold of the map runs through a facet there may be two roots: Newton
+    starts from its corners, too.
     """
     facet = scene.facets[f]
     x, y = facet.x, facet.y
@@ -501,7 +502,7 @@ def _facet_roots(roots, n, f, flat, shot, scene):
 
 @inlined
 def _root_on(roots, n, first, start, f, longest, shot, scene):
-    """Append the crossing on facet f that Newton finds from a start."""
+    """Append the crossing on facet f that Newton finds from a start (x, y); return the number."""
     converged, x, y, _ = newton(start.x, start.y, f, YES, longest, shot, scene)
     if not converged or not inside_facet(x, y, f, scene.surface):
         return n

@@ -93,7 +93,7 @@ _ARRIVALS = 64  # recorded scores per photon that a chunk has memory for; one wi
 _LEVELS = 4000  # nodes of the optical depth: 2.5 mm over 10 m, for layers and bubbles
 _BLUR = math.radians(3.0)  # radius of the sun's disk under water; a larger one: less noise, more
 # bias
-_ANGLES = 1024  # nodes of the blurred phase function: 17 over the radius of that disk
+_ANGLES = 1024  # nodes of the blurred phase function, 0 to pi: 17 over the radius of that disk
 _RINGS = 2000  # rings of scattering angle up to _BLUR, of equal logarithmic width; beyond it twice
 # as many of equal width
 _FORWARD = math.radians(10.0)  # For a receiver in the air, light scattered by less stays in the
@@ -169,8 +169,8 @@ def _through_slopes(scene: SeenSea, law: Refraction, view: View, depths: Sequenc
     """
     surface, n = scene.surface, law.n
     axis, _ = refracted_sun(scene.days[0], n)  # to the sun, as seen below still water
-    # Variances of random slopes and of those of the mesh add. The cone is round: the sum over both
-    # components, and the larger of those of the mesh, bound the spread in any direction.
+    # Variances of random slopes and of those of the mesh add. The cone is round: it takes the sum
+    # over both random components, and the larger component of the mesh.
     spread = math.hypot(surface.roughness.along, surface.roughness.across)
     spread = math.hypot(spread, float(slopes_of(surface.vertex_normals).std(axis=0).max()))
     # turn of the refracted ray by a turn of the normal: Snell's law, sin(theta_a) = n sin(theta_w),
@@ -270,7 +270,7 @@ class _Walk(NamedTuple):
         turn = np.arange(per_shift) * len(runs) // per_shift
         numbers = np.bincount(turn, minlength=len(runs)).reshape(len(bases), -1)  # (bases, ends)
         # Unit irradiance of sky and sun (0 without any sun): the spectra weigh the sums at the end.
-        unit_sky = days[0].replace(
+        unit_day = days[0].replace(
             direct=1.0 if any(day.direct for day in days) else 0.0, diffuse=1.0
         )
         for k, (base, end) in enumerate(runs):
@@ -278,7 +278,7 @@ class _Walk(NamedTuple):
             rays = np.flatnonzero(np.tile(turn == k, SHIFTS))
             of_end = numbers[:, end].sum()  # photons of a shift that have this index
             mixture = tinting.mixture(base, numbers[:, end] / of_end)
-            sums = self._sums(link, links, unit_sky, rays, tinting, mixture)
+            sums = self._sums(link, links, unit_day, rays, tinting, mixture)
             # Radiance is interpolated linearly between the two indices: `paths.shares` is the
             # weight of the largest. `sums` are divided by all photons of a shift; the mean wanted
             # is that over the photons of this index.
