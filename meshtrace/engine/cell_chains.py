@@ -248,7 +248,7 @@ class CellChains:
         return bool((returned_gain(self._link) > least).any())
 
     def scattered(self, by_tile: Sequence[TileSums]) -> tuple[Floats, Floats]:
-        """Return gain and standard error of all cells (n, n) from the sums of their tiles."""
+        """Return gain and standard error of all cells (n, n); 0 where a stride leaves out tiles."""
         gain, stderr = np.zeros((2, self._grid.n, self._grid.n))
         for tile, sums in zip(self.tiles, by_tile, strict=True):
             shape = gain[tile].shape
@@ -256,10 +256,11 @@ class CellChains:
         return gain, stderr
 
     def agree(self, by_tile: Sequence[TileSums], gain: Floats, stderr: Floats) -> bool:
-        """Return whether the scattered gains of the cells by photons differ by chance alone.
+        """Return whether scattered gains by photons differ from those of chains by chance alone.
 
-        In each of some regions of the map: chains may miss light, as that of large angles, without
-        a sign of it in their own errors.
+        `gain` and `stderr` (n, n) are those of the cells by photons. Sums over regions of the map
+        are compared: chains may miss light, as that of large angles, without a sign of it in their
+        errors.
         """
         n = min(_REGIONS, self.n)
         total, square = np.zeros((2, n, n))
@@ -313,7 +314,7 @@ class CellChains:
         """
         places = self._places(self.tiles[tile])
         total = TileSums(0, np.zeros((SHIFTS, len(places))), np.zeros(len(places)))
-        # each source has an equal part of the chains: no pilot has compared their light
+        # each source has an equal part of the chains, as pilots do not compare the light of sources
         drawer, share = self._drawer.of_tile(tile), max(chains // len(self.pilots), SHIFTS)
         # the pilot of this tile alone, with a weight of 1
         alone, unit = np.arange(len(self.tiles)) == tile, np.ones(1)
