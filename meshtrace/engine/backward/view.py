@@ -276,8 +276,8 @@ def bent_sun(scene: SeenSea, law: Bending, view: View, depths: Sequence[Depth] =
     n = float(np.min(law.n))
     # One list of facets serves all points of both disks: s_r changes by at most `slack` from that
     # of the centers. The normal -n v - s, at least n - 1 long, turns by n / (n - 1) times the turn
-    # of the ray v, and by less with the sun s, or in a reflection that does not graze; slopes change
-    # by up to twice as much up to an inclination of 45 degrees.
+    # of the ray v, and by less with the sun s, or in a reflection that does not graze; slopes
+    # change by up to twice as much up to an inclination of 45 degrees.
     slack = 2.0 * turns * n / (n - 1.0)
     # Nearly all facets are ruled out by their corners, where the gap would have to change its sign.
     near = np.flatnonzero(_may_vanish(_gaps(law, view.center, *corners), slack))
