@@ -105,7 +105,7 @@ def library() -> Library | None:
             function.restype, function.argtypes = result, arguments
         device = functions.rtcNewDevice(None)
         intersect = ctypes.cast(functions.rtcIntersect1, _POINTER).value
-    except (ImportError, OSError, AttributeError, StopIteration):  # wheels differ by platform
+    except (ImportError, OSError, AttributeError, StopIteration):  # whatever a platform lacks
         return None
     return Library(functions, device, intersect) if device and intersect else None
 

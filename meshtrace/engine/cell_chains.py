@@ -61,7 +61,7 @@ _OF_TILE = 14_000.0  # of a tile beside its chains, most of it pilots
 _FEWEST = 100.0  # effective chains: the standard error of fewer is uncertain itself
 _SMALL = 0.01  # share of the gain below which its scattered part does not matter, tuned
 _MARGIN = 1.2  # factor on the number of chains that an error asks for, tuned
-_MOST_CHAINS = 2**20  # of a tile: bounds its time
+_MOST_CHAINS = 2**20  # of a tile, tuned: time for accuracy
 FIRST = 512
 """Chains of a tile before the first comparison with a tolerance."""
 _STREAM = 8  # part of the seeds of all points of this module; those of tiles have two more parts

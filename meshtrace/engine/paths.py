@@ -153,7 +153,7 @@ def received_paths(
     the same share of the gain. Scattered light is that of chains, even where the gain is estimated
     by joined photons.
     """
-    # 1 keeps these random choices apart from those of the chains
+    # 1 names the stream of the draws of this function
     sea, rng = TypicalSea.of_meshes([mesh]), np.random.default_rng([seed, 1])
     forced = ForcedDetection(link, chains, seed, normals, sea=sea, scattered="chains")
     # chains without a scattering stand for unscattered light: its integral over the facets follows

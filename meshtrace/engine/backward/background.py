@@ -331,8 +331,8 @@ class _Walk(NamedTuple):
         case, in_water = self.case, self.in_water
         # photons run backwards: nothing but sky and sun collects them
         bare = link.model_copy(update={"receiver": (), "planes": None})
-        # tuned: the roulette is that of forward light from the air; ten times the default number of
-        # crossings, so that hardly any photon ends between surface and water
+        # tuned: time for completeness; the roulette is that of forward light from the air, and
+        # photons may cross the surface ten times as often as by default
         options, frame = Analog(roulette=1e-3, max_surface_events=100), frame_of(link)
         intersector = EmbreeIntersector(self.mesh, case.threads)
         setup = setup_of(
