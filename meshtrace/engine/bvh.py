@@ -1,12 +1,13 @@
 """Ray-mesh intersection: Embree, by its C interface or by embreex; brute force, its reference.
 
-All return the first facet along each ray only: the point, its barycentrics and the normal follow
-in double precision from the corners of the facet, so that the single precision of Embree decides
-only between neighbours at an edge.
+All return only the index of the first facet along each ray: distance and barycentrics follow in
+double precision from the corners of the facet, so that the single precision of Embree decides only
+between neighbours at an edge.
 
-embreex copies a mesh facet by facet in Python and its wheel holds the library of Embree. Through
-ctypes that library reads the arrays where they are. Where it is not found, lacks a function or
-reports an error, embreex takes its place with the same hits.
+The wheel of the Python package embreex contains the shared library of Embree. Called through
+ctypes, the library reads the arrays of a mesh where they are; embreex copies them facet by facet in
+Python. It takes over, with the same hits, where the library is missing, lacks a function or reports
+an error.
 
 References
 ----------
@@ -44,11 +45,11 @@ _TRIANGLES = 0  # RTC_GEOMETRY_TYPE_TRIANGLE
 _INDEX, _VERTEX = 0, 1  # RTC_BUFFER_TYPE_*
 _UINT3, _FLOAT3 = 0x5003, 0x9003  # RTC_FORMAT_*
 _ROBUST = 1 << 2  # RTC_SCENE_FLAG_ROBUST
-_ROW = 12  # bytes of three numbers
-_BLOCK = 64  # rays prepared at a time: 8 kB stay in the fastest cache
+_ROW = 12  # bytes of three 32-bit numbers
+_BLOCK = 64  # rays prepared at a time: 8 kB, 128 bytes each, stay in the fastest cache
 
 _POINTER, _UINT, _SIZE = ctypes.c_void_p, ctypes.c_uint, ctypes.c_size_t
-# Types of result and arguments: ctypes would pass addresses as 32-bit integers.
+# Types of result and arguments by function: undeclared, ctypes passes addresses as 32-bit integers.
 _FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "rtcNewDevice": (_POINTER, ctypes.c_char_p),
     "rtcGetDeviceError": (_UINT, _POINTER),
@@ -71,15 +72,15 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {
 class Library(NamedTuple):
     """The library of Embree and its one device: devices are costly, scenes are not."""
 
-    functions: Any
-    device: int
+    functions: Any  # the `ctypes.CDLL`, with the types of `_FUNCTIONS`
+    device: int  # address of the RTCDevice
     intersect: int  # address of rtcIntersect1
 
 
 def new_scene(vertices: Floats, faces: NDArray[np.integer[Any]]) -> RayScene:
     """Return a committed scene of a mesh in robust mode, in single precision."""
     embree = library()
-    # a missing library is silent, since hits are the same; one that fails is worth a word
+    # no warning for a missing library, since hits are the same; one for a library that fails
     if embree is not None:
         try:
             return SharedScene(embree, vertices, faces)
@@ -104,13 +105,13 @@ def library() -> Library | None:
             function.restype, function.argtypes = result, arguments
         device = functions.rtcNewDevice(None)
         intersect = ctypes.cast(functions.rtcIntersect1, _POINTER).value
-    except (ImportError, OSError, AttributeError, StopIteration):  # any platform
+    except (ImportError, OSError, AttributeError, StopIteration):  # whatever a platform lacks
         return None
     return Library(functions, device, intersect) if device and intersect else None
 
 
 class SharedScene:
-    """Scene of the C interface over the arrays of the mesh, without a copy.
+    """Scene of the C interface over single-precision arrays of the mesh, which Embree shares.
 
     Raises
     ------
@@ -120,7 +121,7 @@ class SharedScene:
 
     def __init__(self, embree: Library, vertices: Floats, faces: NDArray[np.integer[Any]]) -> None:
         rtc = embree.functions
-        # Embree may read 16 bytes at the last vertex
+        # Embree reads vertices as 16 bytes, 4 beyond the last one: one more vertex is allocated
         corners = np.zeros((len(vertices) + 1, 3), np.float32)
         corners[:-1] = vertices
         indices = np.ascontiguousarray(faces, np.int32)
@@ -137,6 +138,7 @@ class SharedScene:
             (_INDEX, _UINT3, indices, len(indices)),
         ):
             start = array.ctypes.data
+            # geometry, type, slot, format, address, offset and stride in bytes, number of items
             rtc.rtcSetSharedGeometryBuffer(geometry, kind, 0, form, start, 0, _ROW, n)
         # committed here: a scene that its first ray commits would do so in two threads at once
         rtc.rtcCommitGeometry(geometry)
@@ -148,10 +150,10 @@ class SharedScene:
             self._release()
             raise OSError(f"error {code} of Embree")
         self.function = embree.intersect, scene
-        """Address of the function that casts a ray, and its first argument."""
+        """Address of the function that casts a ray, and its first argument, the scene."""
 
     def run(self, origins: Rays, directions: Rays) -> NDArray[np.int32]:
-        """Return the first facet of each ray, -1 for a miss; thread-safe, one thread."""
+        """Return the first facet of each ray, -1 for a miss; thread-safe, on one thread."""
         out = np.empty(len(origins), np.int32)
         block = aligned_rays(_BLOCK)
         rays = np.ascontiguousarray(origins), np.ascontiguousarray(directions)
@@ -160,7 +162,7 @@ class SharedScene:
 
 
 def _release(rtc: Any, scene: int, *arrays: NDArray[Any]) -> None:
-    """Release a scene; its arrays are arguments so that they live until then."""
+    """Release a scene; the arrays it reads are arguments so that they live until then."""
     rtc.rtcReleaseScene(scene)
 
 
@@ -197,7 +199,8 @@ class Hits(NamedTuple):
     facet : ndarray of int32, shape (n,)
         Index of the facet, -1 for a miss.
     distance : ndarray, shape (n,)
-        Distance along the ray [m], inf for a miss.
+        Distance along the ray, in lengths of its direction (for a unit vector, in the unit of the
+        mesh); inf for a miss.
     u, v : ndarray, shape (n,)
         Barycentrics of the point: (1 - u - v) p0 + u p1 + v p2; nan for a miss.
     """
@@ -210,14 +213,16 @@ class Hits(NamedTuple):
 
 RayScene = SharedScene | CopiedScene
 """Scene of a mesh, whose `run` finds the first facets of rays."""
+# scenes that live as long as their meshes
 _SCENES: weakref.WeakKeyDictionary[TriangleMesh, RayScene] = weakref.WeakKeyDictionary()
 
 
 Rays = Annotated[NDArray[np.float32], Shape("n 3")]
+"""Origins or directions of rays."""
 
 
 def _require_pairs(origins: NDArray[Any], directions: NDArray[Any]) -> None:
-    """Refuse rays with other directions than origins."""
+    """Refuse arrays of origins and directions of different shapes."""
     if origins.shape != directions.shape:
         other = Described(f"shape {directions.shape}")
         raise Refused("directions", other, f"that of origins, {origins.shape}")
@@ -225,7 +230,7 @@ def _require_pairs(origins: NDArray[Any], directions: NDArray[Any]) -> None:
 
 @check_methods
 class Intersector(ABC):
-    """Acceleration structure over a triangle mesh; `facets` is all that another one has to define.
+    """Base of the ray-mesh intersectors; `facets` is all that a subclass has to define.
 
     Parameters
     ----------
@@ -234,8 +239,8 @@ class Intersector(ABC):
     """
 
     threads = 1
-    # Whether `kernels.rays.grid_facet` may answer in its place. Another intersector may see another
-    # surface than the mesh: it is asked for every ray.
+    # Whether kernels may use `kernels.rays.grid_facet` in its place. An intersector of a user may
+    # see another surface than the mesh: it is asked for every ray.
     shortcut = False
 
     @check_call
@@ -252,14 +257,15 @@ class Intersector(ABC):
 
     @contextmanager
     def function(self) -> Iterator[Bvh]:
-        """Yield `facets` as a C function for the kernels of one thread.
+        """Yield `facets` as a C function, a stand-in for rtcIntersect1, for kernels of one thread.
 
-        An error that `facets` raises is raised at the end.
+        An error that `facets` raises is raised when the context ends.
         """
         # no exception can pass through a compiled kernel: the ray counts as a miss until the end
         errors: list[Exception] = []
 
         def first(scene: int, address: int, _: int) -> None:
+            # `address` is that of an RTCRayHit: origin and direction in, the facet out
             ray = np.ctypeslib.as_array((ctypes.c_float * RAY_WORDS).from_address(address))
             start, way = ray[Word.ORIGIN :][:3], ray[Word.DIRECTION :][:3]
             try:
@@ -267,7 +273,7 @@ class Intersector(ABC):
             except Exception as error:
                 errors.append(error)
 
-        # a name for the callback: it would be collected, and its address dangle, without one
+        # a local name keeps the callback: its address would dangle if it were collected
         callback = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)(first)
         yield bvh_of(int(ctypes.cast(callback, ctypes.c_void_p).value or 0), 0)
         if errors:
@@ -279,7 +285,7 @@ class Intersector(ABC):
         Parameters
         ----------
         origins, directions : array_like, shape (n, 3)
-            Rays; directions need not be unit vectors, distances are in their length.
+            Rays; directions need not be unit vectors: distances are in units of their lengths.
         """
         o = np.ascontiguousarray(origins, dtype=np.float64)
         d = np.ascontiguousarray(directions, dtype=np.float64)
@@ -290,7 +296,7 @@ class Intersector(ABC):
         triangles = Triangles(self.mesh.vertices, self.mesh.faces, self.mesh.face_normals)
 
         def hits(part: slice) -> Hits:
-            # single precision decides on the facet alone, see the module
+            # single precision decides on the facet alone, see the docstring of the module
             facet = self.facets(o[part].astype(np.float32), d[part].astype(np.float32))
             return Hits(facet, *facet_hits(facet, o[part], d[part], triangles))
 
@@ -332,8 +338,8 @@ class EmbreeIntersector(Intersector):
 
     @cached_property
     def _scene(self) -> RayScene:
-        """Scene of the mesh, which its intersectors have in common."""
-        # by identity, and weakly: a mesh that nobody holds takes its scene along
+        """Scene of the mesh, which all its intersectors share."""
+        # by weak reference: when nothing else refers to a mesh, its scene goes with it
         scene = _SCENES.get(self.mesh)
         if scene is None:
             scene = _SCENES[self.mesh] = new_scene(self.mesh.vertices, self.mesh.faces)
@@ -391,7 +397,7 @@ def _first_facets(
             a, b, c = corners(vertices, f, faces)
             e1, e2, s = minus(b, a), minus(c, a), minus(o, a)
             p = cross(d, e2)
-            # Moller and Trumbore (1997): Cramer's rule for t, u, v
+            # Moller and Trumbore (1997): Cramer's rule for t, u, v in o + t d = a + u e1 + v e2
             det = dot(e1, p)
             if det == 0.0:
                 continue

@@ -1,9 +1,9 @@
-"""Scattered light over the cells of a map, by chains that close cells have in common.
+"""Scattered light over the cells of a map, by chains that neighbouring cells share.
 
-Square tiles of cells take chains of their own, aimed at the middle of the tile and moved to first
-order to each cell: over random slopes a crossing is drawn about that of still water and counts by
-its density there, so that any point will do. Points aimed at are uniform over the cells, whose mean
-gain this is.
+Each square tile of cells has its own chains, aimed at the middle of the tile. Their crossings of
+still water are moved to first order to each cell. Over random slopes a crossing is drawn about
+that point and counts by its density there, so that the estimate is unbiased about any point. Points
+aimed at are uniform over a cell: the result is the mean gain over the area of the cell.
 """
 
 from __future__ import annotations
@@ -49,20 +49,22 @@ from meshtrace.results.series import LIT
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import SHIFTS
 
-_TILE = 0.06  # edge of a tile over the height of the map above the sources, see `representatives`
-_TOGETHER = 2**15  # scores that are found at a time, which stay in the cache of a core
+_TILE = 0.06  # edge of a tile over the height of the map above the sources: seen from there under
+# 3 degrees, as the cells of `representatives`
+_TOGETHER = 2**15  # scores that are computed at a time, which stay in the cache of a core
 _REGIONS = 4  # along each side of a map, in which chains are compared with photons
 _DOUBT = 3.5  # standard errors by which they may differ there, as in `choice`
-# times in those of an analog photon, of the default link (0.31, 3.6 and 0.28 microseconds)
-_TO_CELL, _TO_TILE = 1.2, 12.0  # of a chain to a cell, and of making it
+# CPU times over that of an analog photon, measured on the default link: to aim a chain at a cell
+# took 0.31, to draw it for a tile 3.6, and a photon 0.28 microseconds
+_TO_CELL, _TO_TILE = 1.2, 12.0
 _OF_TILE = 14_000.0  # of a tile beside its chains, most of it pilots
 _FEWEST = 100.0  # effective chains: the standard error of fewer is uncertain itself
-_SMALL = 0.01  # share of the gain below which its scattered part does not matter
-_MARGIN = 1.2  # of further chains over those that an error asks for
-_MOST_CHAINS = 2**20  # of a tile
+_SMALL = 0.01  # share of the gain below which its scattered part does not matter, tuned
+_MARGIN = 1.2  # factor on the number of chains that an error asks for, tuned
+_MOST_CHAINS = 2**20  # of a tile, tuned: time for accuracy
 FIRST = 512
 """Chains of a tile before the first comparison with a tolerance."""
-_STREAM = 8  # of the points of chains to tiles, apart from those of the pilots
+_STREAM = 8  # part of the seeds of all points of this module; those of tiles have two more parts
 
 
 Tile = tuple[slice, slice]
@@ -71,7 +73,7 @@ Tile = tuple[slice, slice]
 
 @dataclass(frozen=True)
 class TileSums:
-    """Scattered light of the cells of a tile, by a number of chains.
+    """Mean scattered light of the cells of a tile, and its variance, by a number of chains.
 
     A container of its own: `Gains` would hold three parts and all orders for each of 10^4 cells.
     """
@@ -93,7 +95,8 @@ class TileSums:
     def __add__(self, other: TileSums) -> TileSums:
         """Return the sums of both sets of chains, which weigh by their numbers."""
         n, share = self.chains + other.chains, other.chains / (self.chains + other.chains)
-        # both are means: that of all chains weighs them by their numbers, and squares by the square
+        # both are means: that of all chains weighs them by their shares, and sums of squares by the
+        # squares of these
         gain = (1.0 - share) * self.gain + share * other.gain
         return TileSums(n, gain, (1.0 - share) ** 2 * self.square + share**2 * other.square)
 
@@ -110,20 +113,24 @@ class TileSums:
     @property
     def effective(self) -> Floats:
         """Number of equal chains with the variance of each cell (Kish's effective sample size)."""
-        # (sum w)^2 / sum w^2; no 0 / 0 in the dark
+        # (sum w)^2 / sum w^2; 1e-300 gives 0 for 0 / 0 in the dark
         return np.asarray(self.mean**2 / np.maximum(self.square, 1e-300))
 
 
 def mean_of_times(times: Sequence[TileSums]) -> TileSums:
     """Return the mean light over surfaces that the same chains cross."""
     gain = np.mean([at_time.gain for at_time in times], axis=0)
-    # errors of common chains may add up: standard deviations are averaged, not variances
+    # Errors of the same chains may add up: standard deviations are averaged, not variances. Gains
+    # are averaged shift by shift, which keeps their correlation.
     square = np.mean([np.sqrt(at_time.square) for at_time in times], axis=0) ** 2
     return TileSums(times[0].chains, gain, square)
 
 
 def further(by_tile: Sequence[TileSums], lack: Floats) -> dict[int, int]:
-    """Return the further chains of tiles that lack some, by tile."""
+    """Return the number of further chains of each tile that lacks some, by its number.
+
+    `lack` (tiles,) is that of `CellChains.lack`.
+    """
     wanted = dict[int, int]()
     for tile, (sums, factor) in enumerate(zip(by_tile, lack.tolist(), strict=True)):
         # an error of few chains is itself uncertain: never more than sixteenfold at once
@@ -134,17 +141,17 @@ def further(by_tile: Sequence[TileSums], lack: Floats) -> dict[int, int]:
 
 
 class _SquareDrawer(ChainDrawer):
-    """Sampler of chains that aim at points of squares, of the edge of a target's radius."""
+    """Sampler of chains that aim at points of squares, whose edge is the `radius` of a target."""
 
     def place_points(self, chains: Chains) -> None:
         """Replace points of the unit disk by those of the unit square about the origin."""
-        # points of the disk are r = u^(1/2), phi = 2 pi v: both uniforms come back
+        # points of the disk are r = u^(1/2), phi = 2 pi v: u - 1/2, and v in -1/2 ... 1/2
         x, y = chains.disk.T
         radial, angular = x * x + y * y, np.arctan2(y, x) / (2.0 * math.pi)
         chains.disk[:] = np.column_stack([radial - 0.5, angular])
 
     def of_tile(self, tile: int) -> _SquareDrawer:
-        """Return a sampler of chains with crossings of still water to one tile."""
+        """Return a sampler of chains whose crossings of still water lead to one tile alone."""
         drawer = copy(self)
         every = np.full(len(self.link.targets), tile)
         drawer.link = self.link._replace(stands_for=every)
@@ -169,7 +176,7 @@ class CellChains:
     threads : int
         Threads of the pilots; results do not depend on them.
     stride : int
-        Take one tile of as many along each side alone, to learn the cost of all.
+        Take only every `stride`-th tile along each side, to estimate the cost of all.
 
     Raises
     ------
@@ -195,7 +202,7 @@ class CellChains:
         sites = tuple(receiver.replace(position=place) for place in middles)
         self._link = link.replace(receiver=sites)
         arrays = _squares(forced_link(self._link), grid.step)
-        # chains of all times are the same: collisions up to the highest of all crests
+        # the chains are the same at all times: scatterings lie up to the highest of all crests
         crest = max(float(mesh.bounds[1, 2]) for mesh in meshes)
         self._drawer = _SquareDrawer(arrays, *levels(arrays, crest))
         self._orders = [self._drawer.last_order(s) for s in range(len(arrays.emitters))]
@@ -205,7 +212,7 @@ class CellChains:
 
     @property
     def serves(self) -> bool:
-        """Whether there is scattered light, in clear water and over slopes that tiles can share."""
+        """Whether these chains serve: scattered light, clear water, and random slopes."""
         # without random slopes each cell has crossings of its own; in turbid water photons are
         # the better estimator anywhere, see `choice`
         clear = max(law.expected for law in self._drawer.nominals) < TURBID
@@ -213,9 +220,10 @@ class CellChains:
 
     @cached_property
     def pilots(self) -> list[Pilot]:
-        """Pilot of each source over the first surface, by tile and order."""
+        """Pilot run of each source over the first surface: statistics by tile and order."""
         targets, pilots = list(range(len(self.tiles))), []
         for s, last in enumerate(self._orders):
+            # PILOT chains of each order, in SHIFTS groups
             requests = [
                 Request(s, k, PILOT // SHIFTS, (self._seed, s, k, _STREAM))
                 for k in range(1, last + 1)
@@ -227,20 +235,20 @@ class CellChains:
 
     @property
     def n(self) -> int:
-        """Number of tiles along each side of the map."""
+        """Number of tiles along each side of the map; with a stride, of those that are taken."""
         return math.isqrt(len(self.tiles))
 
     def omits(self, gain: Floats) -> bool:
         """Return whether light that is reflected first, which chains omit, counts in any tile.
 
-        By its estimate in the middle of each, over the gain of its cells (n, n).
+        By its estimate in the middle of each tile, over the gain of the map's cells (n, n).
         """
         middle = np.array([gain[tile].mean() for tile in self.tiles])
         least = LITTLE * np.maximum(middle, LIT * gain.max())
         return bool((returned_gain(self._link) > least).any())
 
     def scattered(self, by_tile: Sequence[TileSums]) -> tuple[Floats, Floats]:
-        """Return gain and standard error of all cells (n, n) from the sums of their tiles."""
+        """Return gain and standard error of all cells (n, n); 0 where a stride leaves out tiles."""
         gain, stderr = np.zeros((2, self._grid.n, self._grid.n))
         for tile, sums in zip(self.tiles, by_tile, strict=True):
             shape = gain[tile].shape
@@ -248,10 +256,11 @@ class CellChains:
         return gain, stderr
 
     def agree(self, by_tile: Sequence[TileSums], gain: Floats, stderr: Floats) -> bool:
-        """Return whether the scattered gains of the cells by photons differ by chance alone.
+        """Return whether scattered gains by photons differ from those of chains by chance alone.
 
-        In each of some regions of the map: chains may miss light, as that of large angles, without
-        a sign of it in their own errors.
+        `gain` and `stderr` (n, n) are those of the cells by photons. Sums over regions of the map
+        are compared: chains may miss light, as that of large angles, without a sign of it in their
+        errors.
         """
         n = min(_REGIONS, self.n)
         total, square = np.zeros((2, n, n))
@@ -266,7 +275,7 @@ class CellChains:
 
     def cost(self, chains: Floats) -> float:
         """Return the time of a map whose tiles take such numbers of chains, in analog photons."""
-        # times in those of an analog photon; a strided map stands for all of its tiles
+        # per tile, times all of them: with a stride `chains` is a sample of the tiles
         cells = self._grid.n**2 / self._number
         each = float(np.mean(chains)) * (_TO_CELL * cells + _TO_TILE) + _OF_TILE
         return len(self._aimed) * self._number * each
@@ -279,11 +288,11 @@ class CellChains:
         """
         gain, _ = self.scattered(by_tile)
         gain = gain + direct
+        # cells below `LIT` of the brightest are accurate enough with the error of one at that limit
         least, ratios = LIT * gain.max(), []
-        # cells below `LIT` of the brightest need no accuracy of their own
         for tile, sums in zip(self.tiles, by_tile, strict=True):
             whole = np.maximum(gain[tile].ravel(), least)
-            # variances fall with the number of chains: their ratio is that of the numbers
+            # variances fall in proportion to the number of chains
             square = (sums.stderr / (rtol * whole)) ** 2
             few = np.where(
                 sums.mean > _SMALL * whole, _FEWEST / np.maximum(sums.effective, 1e-9), 0.0
@@ -299,14 +308,15 @@ class CellChains:
         time, tile : int
             Numbers of the surface and of the tile.
         chains : int
-            Chains in all.
+            Chains of all sources and orders.
         first : int
-            Chains that the tile had before: others follow.
+            Chains that the tile had before: makes the seed of these another one.
         """
         places = self._places(self.tiles[tile])
         total = TileSums(0, np.zeros((SHIFTS, len(places))), np.zeros(len(places)))
-        # each source has an equal part of the chains: no pilot has compared their light
+        # each source has an equal part of the chains, as pilots do not compare the light of sources
         drawer, share = self._drawer.of_tile(tile), max(chains // len(self.pilots), SHIFTS)
+        # the pilot of this tile alone, with a weight of 1
         alone, unit = np.arange(len(self.tiles)) == tile, np.ones(1)
         for s, pilot in enumerate(self.pilots):
             expected = self._drawer.nominals[s].expected
@@ -325,7 +335,7 @@ class CellChains:
         aimed, request, shifts = self._aimed[time], block.request, block.shifts_in
         scene = aimed.scene(aimed.link.emitters[request.source], aimed.link.targets[tile])
         flat, share = chains.crossings(tile), aimed.link.share(request.source, tile)
-        near, n = np.zeros(flat.shape[1], FLAT), len(flat)
+        near, n = np.zeros(flat.shape[1], FLAT), len(flat)  # scratch of a chain; number of chains
         # all chains to a few cells at a time: their scores stay in the cache of a core
         at_once = max(_TOGETHER // n, 1)
         for i in range(0, len(places), at_once):
@@ -354,11 +364,11 @@ class CellChains:
 def _tiles(
     link: Link, grid: IrradianceMap, stride: int
 ) -> tuple[list[Tile], list[tuple[float, float]], int]:
-    """Return tiles of a map, their middles [m], and the number of all tiles.
+    """Return tiles of a map, their middles [m], and the number of tiles without a stride.
 
-    All have about the same number of cells along each side, at least one.
+    Tiles have about the same number of cells along each side, at least one.
     """
-    # light from below is blurred in proportion to its way: tiles are a share of it
+    # light from below is blurred in proportion to its way: the edge of a tile is a share of it
     level = max(source.center[2] for source in link.transmitters)
     across = max(math.floor(_TILE * (grid.height - level) / grid.step), 1)
     cuts = np.linspace(0, grid.n, math.ceil(grid.n / across) + 1).round().astype(int).tolist()
@@ -370,7 +380,10 @@ def _tiles(
 
 
 def _squares(link: ForcedLink, step: float) -> ForcedLink:
-    """Return a link whose targets are squares along x and y, of the area of its apertures."""
+    """Return a link whose targets are squares along x and y, cells with an edge of `step` [m].
+
+    The radius of a target stands for the edge, see `_SquareDrawer`.
+    """
     x, y, edge = Vec3(1.0, 0.0, 0.0), Vec3(0.0, 1.0, 0.0), step / link.frame.unit
     targets = [t._replace(radius=edge, e1=x, e2=y) for t in link.targets]
     return link._replace(targets=targets, stands_for=np.arange(len(targets)))

@@ -1,9 +1,11 @@
 """The point of the surface that sends light from one point to another: a specular manifold walk.
 
-The unknown is not the direction but the point P where the light crosses the surface. For any P
-there is one emission direction w whose minimal rotation R(w) (e_z to w) carries the chain's
-open segment through P, in closed form: R turns about a horizontal axis, so it keeps the
-components along that axis, and the distance |P| from the source fixes the point of the segment.
+A chain is drawn as if it were emitted along e_z, and is then turned as a whole. The unknown is not
+the direction but the point P where the light crosses the surface. For any P there is one emission
+direction w whose minimal rotation R(w), which takes e_z to w, carries the chain's open segment, the
+ray from its last vertex, through P. It has a closed form: R turns about a horizontal axis, so it
+keeps the components along that axis, and the distance |P| from the source fixes the point of the
+segment.
 From P on Snell's law gives the landing point X(P). Newton steps on a facet's plane solve
 X(P) = x; two small displacements of P give dX/dP and dw/dP together, hence dX/dOmega.
 
@@ -60,8 +62,9 @@ from meshtrace.kernels.vectors import (
     scaled,
 )
 
-STEP = 1e-5  # [m], displacement of P for the derivatives: truncation and rounding both near 1e-6
-_TOLERANCE = 1e-4  # [m], step of P behind which the error is its square
+STEP = 1e-5  # displacement of P for forward differences [m], of slopes [1] and heights [m], too:
+# the derivatives have relative errors near 1e-6
+_TOLERANCE = 1e-4  # last step of Newton's method [m]: about its square is left, see `newton`
 _ITERATIONS = 12  # of Newton: what takes longer jumps between facets and is searched otherwise
 
 _STRETCHES = ("low", "high", "lever", "lift", "level")
@@ -69,10 +72,10 @@ _MOVES = ("m11", "m12", "m21", "m22", "h1", "h2", "c11", "c12", "c21", "c22")
 FLAT = record_type([(name, float) for name in ("x", "y", "branch", *_STRETCHES, *_MOVES)])
 """A crossing of a flat sea, and its displacement by slopes and heights.
 
-Branch 0, see `Shot`: no crossing. `low` and `high` are the smallest and the largest stretch of
-dX/dP, `lever` |dX / dslope| [m], `lift` |dX / dz|, `level` the height of the flat sea [m]. The
-displacements are m = dP / dslope [m], h = dP / dz, and c = dP / d(x, y) of the aperture's centre:
-`m12` is the x of P by the slope along y, and so on.
+Branch 0, see `Shot`: no crossing. `low` and `high` are the smallest and the largest stretch
+(singular value) of dX/dP, `lever` |dX / dslope| [m], `lift` |dX / dz|, `level` the height of the
+flat sea [m]. Displacements of P at a fixed landing point are m = dP / dslope [m], h = dP / dz, and
+c = dP / d(x, y) of the aperture's centre: `m12` is that of P_x by the slope along y, and so on.
 """
 
 
@@ -81,9 +84,9 @@ class Shot(NamedTuple):
 
     start: Vec3  # of the chain
     q: Vec3  # last vertex, relative to the start
-    v: Vec3  # direction
+    v: Vec3  # direction from q on
     goal: Vec2  # point in the plane of the aperture [m]
-    branch: float  # +1 or -1, see `emission_through`
+    branch: float  # +1 or -1: which intersection with a sphere, see `emission_through`
     tilt: Vec2  # random slopes along x and y, on top of those of the mesh
 
 
@@ -123,9 +126,9 @@ def emission_through(q, v, p, branch):
     """Return (ok, t, w, d): emission direction w of the chain through P, and its direction d there.
 
     Array twin: `tests/engine/test_crossing.py` builds R(w) and compares R (q + t v) with P.
-    P is relative to the source, t the length of the open segment. `branch` +1 is the forward
-    intersection of the open segment with the sphere of radius |P|, -1 the near one, which exists
-    when q lies outside.
+    P is relative to the source, t the length of the open segment. `branch` +1 is the far
+    intersection of the open segment with the sphere of radius |P|, -1 the near one, which lies
+    ahead only if q is outside of the sphere.
     """
     # |q + t v| = |p|: a rotation about the source keeps distances, so the crossing lies where the
     # open segment meets the sphere of radius |P|.
@@ -136,7 +139,7 @@ def emission_through(q, v, p, branch):
     t = -qv + branch * math.sqrt(disc)
     if t <= 0.0:
         return False, 0.0, UP, v
-    y = along(q, v, t)
+    y = along(q, v, t)  # the point of the segment that is to be turned onto P
     hx, hy = p.x - y.x, p.y - y.y
     h = math.sqrt(hx * hx + hy * hy)
     # no rotation: P lies above the point of the segment already; the axis would be 0 / 0
@@ -149,7 +152,7 @@ def emission_through(q, v, p, branch):
     a = Vec3(y.x - shift * kx, y.y - shift * ky, y.z)  # parts of y and P across the axis
     b = Vec3(p.x - shift * kx, p.y - shift * ky, p.z)
     square = dot(a, a)
-    # y along the axis: no rotation about it moves it to P
+    # y along the axis (1e-20 m2: to rounding): no rotation about it moves it to P
     if square < 1e-20:
         return False, 0.0, UP, v
     cos_phi = dot(a, b) / square
@@ -190,12 +193,13 @@ def land_from(p, n, w, d, length, scene):
         cos_i = min(cos_i, 1.0)
         cos_t, rho, r = transmit(d, n, cos_i, medium.n_water, medium.n_air, scene.interface)
     facing = dot(r, target.axis)
-    # Light along the plane of the aperture lands nowhere on it.
+    # Light along the plane of the aperture, or from behind, lands nowhere on it; neither does
+    # totally reflected light (cos_t <= 0). 1e-9 keeps `flight` finite.
     if cos_t <= 0.0 or facing <= 1e-9:
         return Aim(False, Vec2(0.0, 0.0), w, d, r, rho, length, 0.0)
     way = minus(target.center, p)
-    flight = dot(way, target.axis) / facing
-    off = minus(scaled(flight, r), way)
+    flight = dot(way, target.axis) / facing  # from P to the plane of the aperture
+    off = minus(scaled(flight, r), way)  # from the centre of the aperture to the landing point
     at = Vec2(dot(off, target.e1), dot(off, target.e2))
     return Aim(flight > 0.0, at, w, d, r, rho, length, flight)
 
@@ -218,7 +222,7 @@ def aim_at(x, y, facet, shot, scene):
     Array twin: see `land`.
     Interpolated normals are continued beyond the facet, so that the map for Newton is smooth.
     """
-    p = Vec3(x, y, height_on(x, y, facet, scene.surface))  # first: the rest waits for it
+    p = Vec3(x, y, height_on(x, y, facet, scene.surface))  # first: all that follows needs it
     n = UP
     if facet >= 0:
         n = normal_at(x, y, facet, scene.surface)
@@ -229,7 +233,10 @@ def aim_at(x, y, facet, shot, scene):
 
 @inlined
 def quotients(m, a, b):
-    """Return ((dx, dx), (dy, dy)) over a step along x, where m becomes a, and along y, b."""
+    """Return the derivatives (xx, xy, yx, yy) of a vector by x and y, as forward differences.
+
+    It is m at a point, a one step along x from there and b one step along y.
+    """
     h = 1.0 / STEP
     return (a.x - m.x) * h, (b.x - m.x) * h, (a.y - m.y) * h, (b.y - m.y) * h
 
@@ -247,8 +254,8 @@ def emission_per_area(turns, w, spread):
 
     `turns`: derivatives of (w_x, w_y) by (P_x, P_y); `spread`: |det dX/dP|. 0 on a caustic.
     """
-    # w_x and w_y chart the sphere: dOmega = dw_x dw_y / |w_z|. The rotation from e_z to w
-    # has no axis at w = -e_z, see `gain.turned`.
+    # w_x and w_y are coordinates of the sphere: dOmega = dw_x dw_y / |w_z|. The rotation from e_z
+    # to w has no axis at w = -e_z: `gain.turned` divides by 1 + w_z.
     if spread == 0.0 or w.z == 0.0 or w.z <= -0.999999:
         return 0.0
     return abs(turns[0] * turns[3] - turns[1] * turns[2]) / (abs(w.z) * spread)
@@ -281,7 +288,7 @@ def flat_crossing(flat, x, y, shot, scene):
     """Write the `FLAT` record of a crossing of the flat sea at height `scene.surface.level`.
 
     Array twin: finite differences of `land` in the tests.
-    It bounds the crossings of the same chain on a wavy sea.
+    The record bounds the crossings of the same chain on a wavy sea.
     """
     j = jacobian(x, y, FLAT_SEA, shot, scene)
     # Singular values of dX/dP: their squares sum up to the squared Frobenius norm, their product is
@@ -290,7 +297,8 @@ def flat_crossing(flat, x, y, shot, scene):
     det = j.a * j.d - j.b * j.c
     high = math.sqrt(0.5 * (total + math.sqrt(max(total * total - 4.0 * det * det, 0.0))))
     level = scene.surface.level
-    # landing points after a small slope along x (p), along y (q), and a small rise (r)
+    # derivatives of the landing point by the slope along x (p), that along y (q), and the height
+    # (r): forward differences
     h = 1.0 / STEP
     px, py = _moved(land_sloped(Vec3(x, y, level), STEP, 0.0, shot, scene), j.aim, h)
     qx, qy = _moved(land_sloped(Vec3(x, y, level), 0.0, STEP, shot, scene), j.aim, h)
@@ -300,8 +308,9 @@ def flat_crossing(flat, x, y, shot, scene):
     flat.low, flat.high = abs(det) / high if high > 0.0 else 0.0, high
     flat.lever = math.sqrt(px * px + py * py + qx * qx + qy * qy)
     flat.lift = math.hypot(rx, ry)
-    # Implicit derivative at a fixed landing point: dP/dslope = -(dX/dP)^-1 dX/dslope, and so for
-    # the height and the aperture's centre.
+    # Implicit derivative at a fixed landing point: dP/dslope = -(dX/dP)^-1 dX/dslope, and likewise
+    # for the height and the aperture's centre; the inverse of ((a, b), (c, d)) is
+    # ((d, -b), (-c, a)) / det.
     flat.m11, flat.m12 = -(j.d * px - j.b * py) * k, -(j.d * qx - j.b * qy) * k
     flat.m21, flat.m22 = -(j.a * py - j.c * px) * k, -(j.a * qy - j.c * qx) * k
     flat.h1, flat.h2 = -(j.d * rx - j.b * ry) * k, -(j.a * ry - j.c * rx) * k
@@ -315,7 +324,7 @@ def flat_crossing(flat, x, y, shot, scene):
 def _left_behind(move, r, target):
     """Return the derivative of a landing point, from the centre, as the aperture moves.
 
-    The ray stays: the plane slides along it, and the centre moves away from under it.
+    The ray stays: the plane cuts it elsewhere, and the centre moves away by `move`.
     """
     off = along(scaled(-1.0, move), r, dot(move, target.axis) / dot(r, target.axis))
     return dot(off, target.e1), dot(off, target.e2)
@@ -323,15 +332,16 @@ def _left_behind(move, r, target):
 
 @inlined
 def _moved(moved, m, h):
-    """Return the change of the landing point from `Aim` m to another, times h."""
+    """Return the change of the landing point from `Aim` m to `moved`, times h (1 over the step)."""
     return (moved.at.x - m.at.x) * h, (moved.at.y - m.at.y) * h
 
 
 @inlined
 def newton_step(j, shot, longest):
-    """Return (ok, step along x and y limited to `longest`, size before that) [m]; P - step is next.
+    """Return (ok, dx, dy, size): the next P is P - (dx, dy) [m], a step limited to `longest`.
 
     Array twin: numpy.linalg.solve.
+    `size` is the length of the step before it is limited.
     """
     det = j.a * j.d - j.b * j.c
     if not j.ok or det == 0.0:
@@ -347,12 +357,12 @@ def newton_step(j, shot, longest):
 
 @outlined
 def newton(x, y, facet, fixed, longest, shot, scene):
-    """Return (found, x, y, facet): the crossing that lands on a point of the aperture.
+    """Return (converged, x, y, facet): the crossing that lands on a point of the aperture.
 
     Array twin: `enumerate_roots`, which looks at every facet.
     `fixed` keeps the facet (-1: flat sea); else the facet follows the point. Steps are limited
-    to `longest` [m]. Between facets the derivatives jump: a point that does not settle is handed
-    to the enumeration by the caller.
+    to `longest` [m]. Between facets the derivatives jump: a caller hands a point that does not
+    settle to the enumeration.
     """
     # Newton on the specular manifold (Jakob and Marschner 2012), in the plane of the facet.
     for _ in range(_ITERATIONS):
@@ -360,8 +370,8 @@ def newton(x, y, facet, fixed, longest, shot, scene):
         if not ok:
             return False, x, y, facet
         x, y = x - dx, y - dy
-        # Newton converges quadratically: the next error is about size^2 over the radius of
-        # curvature, below 1e-8 m.
+        # Newton converges quadratically: the error left is about size^2 over the radius of
+        # curvature, below 1e-8 m for radii of a metre or more.
         if size < _TOLERANCE:
             return True, x, y, facet
         if not fixed:
@@ -404,9 +414,9 @@ def enumerate_roots(roots, n, flat, radius, close, shot, scene):
     """Append every crossing near a flat-sea crossing that lands on the point; return the number.
 
     Array twin: the roots of the analytic sinusoid in the tests.
-    Every facet within `radius` is searched; n roots are there already. Seen from `close` by, the
-    light of a facet is not that of its centroid and its size: there Newton runs on the plane of
-    every facet.
+    Every facet within `radius` [m] is searched; `roots` holds n of them before. Where light starts
+    `close` to the surface, within few facets, the landing point of the centroid and the size of a
+    facet do not bound its light: there Newton runs on the plane of every facet.
     """
     grid = scene.locator
     # Walter et al. (2009) prune a hierarchy of triangles by bounds on normals; bins and first-order
@@ -418,6 +428,7 @@ def enumerate_roots(roots, n, flat, radius, close, shot, scene):
                 f = np.int64(grid.facet[k])
                 if not (close or _may_hold(scene.facets[f], flat, shot.tilt)):
                     continue
+                # a facet lies in several bins: it is searched in the first of them alone
                 if is_first_bin(i, j, i0, j0, f, scene.surface, grid):
                     if close:
                         middle = Vec2(flat.x, flat.y)
@@ -431,15 +442,16 @@ def enumerate_roots(roots, n, flat, radius, close, shot, scene):
 def _may_hold(facet, flat, tilt):
     """Return whether a crossing may lie on a facet, to first order.
 
-    The flat crossing moves by dP/dslope and dP/dz; half of the move is left for the
-    higher orders, and the facet's size grows by its curvature.
+    Slope and height at the facet move the flat crossing, by dP/dslope and dP/dz: the facet is kept
+    if that ends within `reach` of its centroid. The factors 0.5 and 2 are margins for the higher
+    orders; tuned: time, or crossings that are missed.
     """
     sx, sy = facet.slope_x + tilt.x, facet.slope_y + tilt.y
     dz = facet.z - flat.level
     mx, my = flat.m11 * sx + flat.m12 * sy, flat.m21 * sx + flat.m22 * sy
     hx, hy = flat.h1 * dz, flat.h2 * dz
     move = abs(mx) + abs(my) + abs(hx) + abs(hy)
-    # over the facet the slope changes by its curvature times its size, which moves the crossing
+    # per change of slope on the facet, curvature times size, the crossing moves by at most `bend`
     bend = abs(flat.m11) + abs(flat.m12) + abs(flat.m21) + abs(flat.m22)
     reach = 0.5 * move + 2.0 * facet.radius * (1.0 + bend * facet.curvature)
     ex, ey = flat.x + mx + hx - facet.x, flat.y + my + hy - facet.y
@@ -448,9 +460,10 @@ def _may_hold(facet, flat, tilt):
 
 @outlined
 def corner_shines(f, shot, scene):
-    """Return whether light leaves the water at a corner of a facet, but not at its centroid.
+    """Return whether light leaves the water, towards the aperture, at any corner of a facet.
 
     Array twin: fine meshes of the same water in the tests.
+    It is asked where the centroid is totally reflecting, which says nothing of the corners.
     """
     for p in corners(scene.surface.vertices, f, scene.surface.faces):
         if aim_at(p.x, p.y, f, shot, scene).ok:
@@ -460,19 +473,19 @@ def corner_shines(f, shot, scene):
 
 @outlined
 def _facet_roots(roots, n, f, flat, shot, scene):
-    """Add the roots on facet f.
+    """Append the roots on facet f; return their number.
 
-    If its centroid lands farther from the point than |dX/dP| of a curved surface could bring
-    over the facet's size, it holds none. Where a fold of the map runs through a facet there
-    may be two: Newton starts from its corners too.
+    The facet is skipped if its centroid lands farther from the goal than landing points can move
+    over its size. Where a fold of the map runs through a facet there may be two roots: Newton
+    starts from its corners, too.
     """
     facet = scene.facets[f]
     x, y = facet.x, facet.y
     m = aim_at(x, y, f, shot, scene)
     bend = flat.lever * facet.curvature
     if m.ok:
-        # Lipschitz bound: over the facet the landing point moves by at most |dX/dP| of a flat sea,
-        # plus the bend of the normals times the lever of a slope.
+        # Lipschitz bound: per length on the facet the landing point moves by at most |dX/dP| of a
+        # flat sea, plus the change of slope times `lever`.
         spread = MARGIN * facet.radius * (flat.high + bend)
         if math.hypot(m.at.x - shot.goal.x, m.at.y - shot.goal.y) > spread:
             return n
@@ -480,7 +493,7 @@ def _facet_roots(roots, n, f, flat, shot, scene):
         return n
     first, longest = n, 2.0 * facet.radius
     n = _root_on(roots, n, first, Vec2(x, y), f, longest, shot, scene)
-    # a fold: half of the stretch comes from the bend of the normals
+    # a fold may lie where the bend of the normals makes up more than half of the stretch (tuned)
     if not m.ok or (scene.surface.interpolate and bend > 0.5 * flat.high):
         for p in corners(scene.surface.vertices, f, scene.surface.faces):
             n = _root_on(roots, n, first, Vec2(p.x, p.y), f, longest, shot, scene)
@@ -489,7 +502,7 @@ def _facet_roots(roots, n, f, flat, shot, scene):
 
 @inlined
 def _root_on(roots, n, first, start, f, longest, shot, scene):
-    """Append the crossing on facet f that Newton finds from a start."""
+    """Append the crossing on facet f that Newton finds from a start (x, y); return the number."""
     converged, x, y, _ = newton(start.x, start.y, f, YES, longest, shot, scene)
     if not converged or not inside_facet(x, y, f, scene.surface):
         return n
@@ -502,7 +515,8 @@ def add_root(roots, n, first, x, y, facet, branch, multiplicity):
 
     Array twin: list.append.
     """
-    # Two facets may both claim a crossing on their edge.
+    # Two facets may both claim a crossing on their edge: to 1e-6 m it is one. The rest of a full
+    # array is lost.
     if n == len(roots) or is_known(roots, first, n, x, y, branch, 1e-6):
         return n
     r = roots[n]
@@ -513,10 +527,10 @@ def add_root(roots, n, first, x, y, facet, branch, multiplicity):
 class Search(NamedTuple):
     """Extent of the search for roots on one surface."""
 
-    audit: float  # share of chains whose facets are all searched; 1 for faceted normals
+    audit: float  # share of chains for which all facets are searched; 1 for faceted normals
     slope: float  # steepest slope of the surface
     margin: float  # [m], size of the facets
-    widest: float  # [m], no crossing lies farther from the flat one
+    widest: float  # [m], limit on the distance of a crossing from the flat one
     curvature: float  # largest change of slope along an edge of the facets [m-1]
 
 
@@ -533,7 +547,7 @@ def start_of(emitter, u, v):
 
 @inlined
 def straight_shot(u, v, scene):
-    """Return the unscattered light that belongs to a point (u, v) of the unit disk."""
+    """Return the `Shot` of unscattered light that belongs to a point (u, v) of the unit disk."""
     goal = Vec2(scene.target.radius * u, scene.target.radius * v)
     return Shot(start_of(scene.emitter, u, v), ORIGIN, UP, goal, 1.0, Vec2(0.0, 0.0))
 
@@ -546,8 +560,8 @@ def root_from(x0, y0, radius, shot, scene):
     """
     converged, x, y, facet = False, x0, y0, locate(scene.locator, scene.surface, x0, y0)
     start = facet
-    # Long steps first: nearly all starts converge, and short ones cost iterations.
-    for step in (0.5, 0.1):  # the second time more carefully
+    # Long steps first, tuned: nearly all starts converge, and short steps cost iterations.
+    for step in (0.5, 0.1):  # longest step over the radius
         if start >= 0 and not converged:
             converged, x, y, facet = newton(x0, y0, start, NO, step * radius, shot, scene)
             converged = converged and inside_facet(x, y, facet, scene.surface)
@@ -563,7 +577,8 @@ def radius_of(flat, search, shot, scene):
     surface = scene.surface
     waves = max(abs(surface.high[2] - flat.level), abs(surface.low[2] - flat.level))
     slope = search.slope + math.hypot(shot.tilt.x, shot.tilt.y)
-    # |dP| <= (|dX/dslope| |slope| + |dX/dz| |z|) / smallest stretch, from the implicit derivative.
+    # |dP| <= (|dX/dslope| |slope| + |dX/dz| |z|) / smallest stretch, from the implicit derivative;
+    # near a caustic, where the stretch vanishes, 1e-3 keeps it finite.
     move = MARGIN * (slope * flat.lever + waves * flat.lift) / max(flat.low, 1e-3)
     return min(move + search.margin, search.widest)
 
@@ -573,6 +588,7 @@ def is_steep(m, scene):
     """Return whether no wave can block a path before or after its crossing.
 
     Array twin: `meshtrace.kernels.rays.is_free` of both ways.
+    Both directions are steeper than any slope of the surface.
     """
     slope = scene.surface.max_slope
     return m.d.z > slope * math.hypot(m.d.x, m.d.y) and (
@@ -587,7 +603,7 @@ def transmittance(m, interface):
     Array twin: `meshtrace.optics.fresnel` and `Whitecaps.transmittance`.
     """
     t = (1.0 - m.rho) * interface.foam_transmittance
-    # the paper applies it at the crossing and again in its budget
+    # PAPER_BOTH: that paper applies Fresnel's transmittance at the crossing and in its budget
     if interface.fresnel == FresnelMode.PAPER_BOTH:
         t *= 1.0 - m.rho
     return t
@@ -595,7 +611,7 @@ def transmittance(m, interface):
 
 @inlined
 def acceptance(m, p, target, fov):
-    """Return the weight of light by its arrival: whether it lies inside the field of view.
+    """Return the weight of light by its arrival: 1 inside the field of view, else 0.
 
     Array twin: `meshtrace.kernels.tally.crosses_aperture`.
     A lamp that is reached backwards weighs by its intensity over the cosine on its plane.
@@ -605,6 +621,7 @@ def acceptance(m, p, target, fov):
     if fov == FieldOfView.ANGLE:
         seen = dot(m.r, target.axis) >= target.cos_half_fov * norm(m.r)
     else:
+        # by the crossing: inside the cone of the view about a vertical axis, at the height of P
         reach = target.radius + (target.center.z - p.z) * target.tan_half_fov
         seen = (p.x - target.center.x) ** 2 + (p.y - target.center.y) ** 2 < reach * reach
     return 1.0 if seen else 0.0
@@ -615,26 +632,26 @@ def forwards(m, p, facet, tilt, surface):
     """Return the exposure of a facet to light from the air, relative to light in the water.
 
     Array twin: the analog photon from a lamp in the air.
-    A facet g takes |a.g| of the flux from the air and |w.g| of that from the water; bending by the
-    tilted normal s balances with |a.s| and |w.s|. Light from the air, along a, is exposed to tilts.
+    A facet of normal g takes |a.g| of the flux along a in the air, and |w.g| of that along w in the
+    water; refraction at the tilted normal s conserves flux between areas |a.s| and |w.s|. Light
+    comes from the air, so that its direction a counts in the exposure to tilts.
     """
     if facet < 0:
         return 1.0
     n, g = normal_at(p.x, p.y, facet, surface), row(surface.face_normals, facet)
     s = tilted(n, tilt)
-    # here d is w and r is a, both from the water to the air
+    # chains run from the water to the air: m.d is w, m.r is a, against the light
     below, above = dot(m.d, g) * dot(m.r, s), dot(m.r, g) * dot(m.d, s)
     return exposure(m.r, n, tilt) * above / below if below > 0.0 and above > 0.0 else 0.0
 
 
 @inlined
 def passed(share, m, p, n, facet, tilt, scene):
-    """Return the share of light, times `share`, that a crossing at P lets pass.
-
-    By its arrival, transmittance and tilt.
+    """Multiply `share` by the part of light that a crossing at P lets pass.
 
     Array twin: the analog photon.
-    n is the normal of the mesh on a facet, `tilt` the random slope.
+    The part is a product of acceptance, transmittance and exposure to `tilt`, the random slope; n
+    is the normal of the mesh without it.
     """
     share *= acceptance(m, p, scene.target, scene.interface.fov)
     if share == 0.0:

@@ -1,7 +1,9 @@
 """Gains: sums of arriving light by part, receiver and group.
 
-A row is light that one sample, a chain or a photon, brings to one receiver. Samples come in 32
-independent groups, whose scatter gives standard errors; a sample may bring light several times.
+A row is one arrival of light at one receiver, by a sample: a chain or a photon, which may have
+several. Samples come in 32 independent groups, whose scatter gives standard errors. Parts of a gain
+are unscattered light, scattered light, and light that the surface reflects at least once before it
+crosses ("reflected first").
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ from meshtrace.stored import SHIFTS
 Method = Literal["chains", "joined", "analog"]
 """Estimator of the scattered light of a receiver."""
 
-_SPARSE = 4  # cells for each row beyond which samples are sorted rather than counted in an array
+_SPARSE = 4  # cells (part, receiver, photon) per row beyond which samples are sorted rather than
+# counted in an array: saves memory
 
 
 @dataclass(frozen=True)
@@ -34,9 +37,9 @@ class Gains:
     Attributes
     ----------
     groups : ndarray, shape (..., 3, receivers, SHIFTS)
-        Unscattered, scattered and first reflected gain by each group of samples; the mean over the
-        groups is the gain. All the same where it is deterministic, but for the error of its
-        quadrature.
+        Unscattered, scattered and first reflected gain, as each group of samples estimates it; the
+        mean over the groups is the gain. Groups are equal where it is deterministic, but for the
+        error of its quadrature, see `with_error`.
     all_orders : ndarray, shape (..., receivers, orders)
         Gain without light reflected first by the number of scatterings, from 0 on.
     square : ndarray, shape (..., 3, receivers)
@@ -169,8 +172,8 @@ class Gains:
     def add_direct(self, receiver: int, gain: Floats, error: float, in_groups: bool) -> None:
         """Add unscattered gain (wavelengths, 1 or SHIFTS) with the relative error of a quadrature.
 
-        `in_groups` makes it one of the groups, so that errors of frames of a sea add up; beside
-        scattered light, whose errors between groups are far larger, it is kept apart.
+        `in_groups` shows the error as a scatter of the groups, so that errors of the frames of a
+        moving sea add up; beside scattered light, whose groups scatter far more, it stays apart.
         """
         if in_groups:
             gain = with_error(gain, error)
@@ -183,11 +186,12 @@ class Gains:
     ) -> None:
         """Add the scores (wavelengths, chains) of chains of one order in successive groups.
 
-        `share` is what each score counts in the gain.
+        The gain is the sum of `share` times the scores of all groups; each group has equally many
+        chains, stored one group after the other.
         """
         part = SCATTERED if order else DIRECT
         by_group = score.reshape(len(score), groups.stop - groups.start, -1).sum(axis=-1)
-        # a group is an estimate of the gain on its own: its chains are a share 1 / SHIFTS of all
+        # each group estimates the whole gain, but has a share 1 / SHIFTS of the chains
         self.groups[:, part, receiver, groups] += SHIFTS * share * by_group
         self.all_orders[:, receiver, order] += share * by_group.sum(axis=-1)
         self.square[:, part, receiver] += share**2 * np.einsum("ji,ji->j", score, score)
@@ -197,11 +201,14 @@ class Gains:
     def add_arrivals(
         self, arrivals: NDArray[np.void], weights: Floats, first: int, photons: int
     ) -> None:
-        """Add rows (ARRIVAL) of a number of photons, the `first` one and those that follow.
+        """Add the arrivals (ARRIVAL) of `photons` successive photons, from number `first` on.
 
-        With the weight of each row at each wavelength, (wavelengths, rows).
+        `weights` (wavelengths, arrivals) are theirs at each wavelength. Sums are not yet divided by
+        the number of photons, see `of_photons`.
         """
         receivers, n_orders = self.all_orders.shape[1:]
+        # flat index of (part, receiver), and from it those of (part, receiver, group) and (part,
+        # receiver, photon)
         part, size = arrivals["part"] * receivers + arrivals["receiver"], N_PARTS * receivers
         group = part * SHIFTS + arrivals["photon"] % SHIFTS
         # what a photon brings to a receiver is one score, in however many rows it comes
@@ -212,9 +219,9 @@ class Gains:
         else:
             cells = np.arange(size * photons)
         # orders count scatterings of light that the surface does not reflect first
-        once = arrivals["part"] != REFLECTED
+        not_reflected = arrivals["part"] != REFLECTED
         order = np.minimum(arrivals["order"], n_orders - 1)  # the last holds all beyond
-        order = (arrivals["receiver"] * n_orders + order)[once]
+        order = (arrivals["receiver"] * n_orders + order)[not_reflected]
         for k, weight in enumerate(weights):
             sums = np.bincount(group, weight, size * SHIFTS)
             self.groups[k] += sums.reshape(self.groups.shape[1:])
@@ -222,7 +229,7 @@ class Gains:
             for total, value in ((self.square, score * score), (self.scored, score != 0.0)):
                 of_part = np.bincount(cells // photons, value, size).reshape(total.shape[1:])
                 total[k] += of_part.astype(total.dtype)
-            of_order = np.bincount(order, weight[once], receivers * n_orders)
+            of_order = np.bincount(order, weight[not_reflected], receivers * n_orders)
             self.all_orders[k] += of_order.reshape(receivers, n_orders)
 
     def of_photons(self, photons: int) -> Gains:
@@ -238,20 +245,21 @@ class Gains:
         )
 
     def with_photons(self, photons: Gains, receivers: Sequence[int]) -> Gains:
-        """Return the gains with those of photons to some receivers.
+        """Return the gains with those of photons added to some receivers.
 
-        Where chains serve, scattered light of photons is that of the bottom alone.
+        At one wavelength; `photons` has these receivers alone, in this order. Where the method of a
+        receiver is chains, its scattered light by photons is only that which the bottom reflects.
         """
         # photons have a fixed number of orders, of which high ones mostly bring nothing
-        seen = np.flatnonzero(photons.all_orders.any(axis=0)).max(initial=0) + 1
-        more = max(seen - self.all_orders.shape[1], 0)
+        n_orders = np.flatnonzero(photons.all_orders.any(axis=0)).max(initial=0) + 1
+        more = max(n_orders - self.all_orders.shape[1], 0)
         orders, index = np.pad(self.all_orders, ((0, 0), (0, more))), np.array(receivers)
-        orders[index, 1:seen] += photons.all_orders[:, 1:seen]
-        # unscattered light is that of the facets
+        orders[index, 1:n_orders] += photons.all_orders[:, 1:n_orders]
+        # without DIRECT: unscattered light is already here, integrated over the facets
         for part in (SCATTERED, REFLECTED):
             self.groups[part, index] += photons.groups[part]
             self.square[part, index] += photons.square[part]
-            # samples are those of the estimator that the receiver rests on
+            # the numbers of samples are those of the estimator of the receiver
             counted = np.array([part == REFLECTED or self.method[r] != "chains" for r in receivers])
             for mine, other in ((self.scored, photons.scored), (self.samples, photons.samples)):
                 mine[part, index[counted]] = other[part, counted]
@@ -259,25 +267,30 @@ class Gains:
 
 
 def with_error(gain: Floats, error: float) -> Floats:
-    """Return a gain (..., 1 or SHIFTS) with the relative `error` of a quadrature between groups.
+    """Return a gain (..., SHIFTS) whose groups scatter by the relative `error` of a quadrature.
 
-    Half of them lie above and half below: +-a has the standard error a / (SHIFTS - 1)^(1/2). It is
-    the same in all frames of a sea, whose errors so add up.
+    `gain` is (..., 1 or SHIFTS), and returned as it is without an error. Even groups are raised and
+    odd ones lowered by a: the mean of SHIFTS groups at +-a has the standard error
+    a / (SHIFTS - 1)^(1/2). The pattern is the same in all frames of a sea, whose errors so add up.
     """
     if error == 0.0:
         return gain
-    above = np.where(np.arange(SHIFTS) % 2 == 0, 1.0, -1.0)
-    return gain * (1.0 + error * math.sqrt(SHIFTS - 1) * above)
+    sign = np.where(np.arange(SHIFTS) % 2 == 0, 1.0, -1.0)
+    return gain * (1.0 + error * math.sqrt(SHIFTS - 1) * sign)
 
 
 def shares_of(arrivals: NDArray[np.void], photons: int) -> Floats:
-    """Return what the weight of each row counts in the gain by photons 0, ..., `photons` - 1."""
+    """Return the factor (rows,) on the weight of each row in the gain by `photons` photons.
+
+    Their numbers are 0 ... `photons` - 1. Groups may differ by a photon: the gain is the mean over
+    the means of the groups.
+    """
     in_group = np.bincount(np.arange(photons) % SHIFTS, minlength=SHIFTS)
     return np.asarray(1.0 / (SHIFTS * in_group[arrivals["photon"] % SHIFTS]))
 
 
 def table_of(arrivals: NDArray[np.void], weight: Floats, unit: float, link: Link) -> ArrivalTally:
-    """Return the table of rows (ARRIVAL) of photons, with paths in `unit`, by their weights."""
+    """Return the table of arrivals (ARRIVAL) of photons, whose paths are in units of `unit` [m]."""
     water, air = unit * arrivals["water"], unit * arrivals["air"]
     return ArrivalTally(
         receiver=arrivals["receiver"].copy(),

@@ -1,8 +1,8 @@
 """Discretization error of a gain, from meshes of every second grid line.
 
-Heights are linear and normals interpolated over a facet. A grid of every second line takes no new
-heights. Unscattered light without noise through both tells the error; scattered light crosses at
-many places and angles, which average it.
+Heights are linear and normals interpolated over a facet. A grid of every second line needs no new
+heights. The change of the unscattered gain, which has no Monte Carlo noise, from the mesh to such
+grids tells the error; scattered light crosses at many places and angles, which average it.
 """
 
 from __future__ import annotations
@@ -31,16 +31,21 @@ from meshtrace.results.gain import GainResult
 from meshtrace.surfaces.triangulate import mesh_of_sheet
 
 _DIVISOR = 2.5
-"""Change by every second line over the error: 3 for errors by h^2, 5^(1/2) for random ones by h."""
+"""Change of the gain by every second line, over its error: between two laws in the spacing h.
+
+3 for errors in proportion to h^2 (change of 4 - 1 errors); 5^(1/2) for independent random errors in
+proportion to h (variances of 4 and 1 add).
+"""
 
 _SCATTERED = 0.1  # relative error of scattered light over that of unscattered light, at least
-_STARTS = (0, 0), (1, 1), (0, 1), (1, 0)  # first lines of the coarse grids
-_BLURRED = 5e-4  # relative error below which one coarse grid suffices where light is blurred
-_LITTLE = 3e-3  # relative error below which two coarse grids suffice
-_RANDOM_SLOPES = 4.0  # standard deviations: more carry 3e-4 of the light
+_STARTS = (0, 0), (1, 1), (0, 1), (1, 0)  # first lines (x, y) of the coarse grids
+_BLURRED = 5e-4  # relative error below which one coarse grid suffices where light is blurred, tuned
+_LITTLE = 3e-3  # relative error below which two coarse grids suffice, tuned
+_RANDOM_SLOPES = 4.0  # standard deviations of random slopes; a Gaussian of two components has
+# exp(-4^2 / 2) = 3e-4 of the light beyond
 _LIT_SLOPES = 4.5  # standard deviations of slopes that `Link.lit_patch` covers
-_BESIDE = 2  # lines beyond the light
-_PLANE = 1e-12  # largest difference of the normals of a plane
+_BESIDE = 2  # lines of margin beyond the light
+_PLANE = 1e-12  # largest difference of the normals of a plane: rounding
 
 
 class _Sheet(NamedTuple):
@@ -53,10 +58,10 @@ class _Sheet(NamedTuple):
 def with_mesh_errors(
     results: list[GainResult], links: list[Link], first: int, relative: tuple[Floats, Floats] | None
 ) -> list[GainResult]:
-    """Return results of common paths with the errors of their gains by the mesh.
+    """Return results of shared paths with the errors of their gains by the mesh.
 
-    Relative to the gain they are the same for all links: those of `relative_mesh_error` for the
-    first.
+    `relative` is `relative_mesh_error` of links[first]; the error over the gain that follows for
+    that link is taken for all.
     """
     if relative is None:
         return results
@@ -67,7 +72,8 @@ def with_mesh_errors(
     ballistic = np.minimum(unscattered, gain)
     if result.gain_ballistic is not None:
         ballistic = np.atleast_1d(result.gain_ballistic)
-    # scattered light in clear water has a third of the relative error, in turbid water less
+    # Tuned: relative error of scattered light over that of unscattered light, a third in clear
+    # water and less in turbid water, where the share of the latter in the gain is small.
     share = np.divide(ballistic, gain, out=np.zeros_like(gain), where=gain > 0.0)
     scattered = np.maximum(0.5 * share, _SCATTERED)
     error = direct * (ballistic + scattered * np.maximum(gain - ballistic, 0.0))
@@ -99,9 +105,9 @@ def relative_mesh_error(
     Returns
     -------
     tuple of ndarray, shape (receivers,), or None
-        Relative error, nan where no light crosses at any choice of a source, and the unscattered
-        gain. None for a mesh that is no grid, overhangs, or a link that forced detection does not
-        follow.
+        Relative error, nan where no light arrives even from an isotropic source in view, and the
+        unscattered gain. None for a mesh that is no grid or overhangs, and for a link that forced
+        detection does not follow.
 
     Notes
     -----
@@ -113,7 +119,8 @@ def relative_mesh_error(
     (Richardson's extrapolation), for an aperture or blur smaller than a facet the errors of both
     meshes are independent, proportional to the spacing, and the change is 5^(1/2) errors.
 
-    A receiver without unscattered light is lit by an isotropic source where its axis points to.
+    For a receiver without unscattered light the source is replaced by an isotropic one where the
+    axis of the receiver points to.
     """
     receivers = len(link.receivers)
     # a plane is the same at any spacing
@@ -126,19 +133,20 @@ def relative_mesh_error(
         arrays = forced_link(link)
     except Refused:
         return None
-    if arrays.medium.depth_mode == DepthMode.LOCAL:  # whose raster costs more than the light
+    # a depth below the local surface needs a raster of heights, which costs more than the light
+    if arrays.medium.depth_mode == DepthMode.LOCAL:
         clamped = arrays.medium._replace(depth_mode=int(DepthMode.CLAMPED))
         arrays = arrays._replace(medium=clamped)
-    physics = link.physics.unresolved
+    physics = link.physics.unresolved  # name of the use of random slopes
     unscattered = partial(_unscattered, slopes=mesh.unresolved, normals=normals, physics=physics)
     relative, gain = _compare(arrays, _patch(link, mesh, sheet), unscattered)
-    # receivers close to each other see about the same mesh: one of them is compared
-    first = arrays.stands_for_receivers
-    for r in np.flatnonzero(np.isnan(relative) & (first == np.arange(receivers))):
-        # of a downlink all receivers stay; of an uplink this one alone
+    # receivers close to each other see about the same mesh: one of them stands for the others
+    representative = arrays.stands_for_receivers
+    for r in np.flatnonzero(np.isnan(relative) & (representative == np.arange(receivers))):
+        # `_facing` keeps all receivers of a downlink, but this one alone of an uplink
         changes, _ = _compare(_facing(arrays, int(r)), sheet, unscattered)
         relative[r] = changes[r if arrays.down else 0]
-    return relative[first], gain[first]
+    return relative[representative], gain[representative]
 
 
 def _compare(
@@ -147,10 +155,10 @@ def _compare(
     """Return the relative change of unscattered light over `_DIVISOR`, and the light itself."""
     fine, blurred = gains(arrays, sheet)
     coarse = []
-    # sums without blur may agree by chance
+    # There are four grids of every second line. Further ones cost time, and are taken only while
+    # the relative error exceeds that of `enough`: never after one grid without blur, whose sums may
+    # agree by chance, nor after three (-1); always after four (inf).
     enough = (_BLURRED if blurred else -1.0), _LITTLE, -1.0, math.inf
-    # of every second line there are four grids; further ones cost time, and are asked only while
-    # the change is large enough to matter
     for (i, j), little in zip(_STARTS, enough, strict=True):
         second = _Sheet(sheet.points[i::2, j::2], sheet.normals[i::2, j::2])
         coarse.append(gains(arrays, second)[0])
@@ -166,9 +174,9 @@ def _compare(
 def _unscattered(
     link: ForcedLink, sheet: _Sheet, slopes: UnresolvedSlopes | None, normals: str, physics: str
 ) -> tuple[Floats, bool]:
-    """Return the unscattered gain of each receiver through a sheet, and whether it is blurred.
+    """Return the unscattered gain of each receiver through a sheet, and whether slopes blur it.
 
-    From the centres of the sources. `slopes` are the random ones, `physics` their use
+    Light starts at the centres of the sources. `slopes` are the random ones, `physics` their use
     (`Physics.unresolved`). Random slopes too narrow to be integrated over are left out.
     """
     mesh = mesh_of_sheet(sheet.points, sheet.normals, slopes)
@@ -184,16 +192,18 @@ def _unscattered(
 def _sheet(mesh: TriangleMesh) -> _Sheet | None:
     """Return the grid of a mesh by `triangulate`; None for another mesh."""
     shape = grid_shape(mesh)
+    # every second of four lines leaves two, one cell
     if shape is None or min(shape) < 4:
         return None
     return _Sheet(*(values.reshape(*shape, 3) for values in (mesh.vertices, mesh.vertex_normals)))
 
 
 def _patch(link: Link, mesh: TriangleMesh, sheet: _Sheet) -> _Sheet:
-    """Return the lines where unscattered light can cross to a receiver."""
-    # `lit_patch` covers 4.5 deviations of a Gaussian slope: asked for the steepest one instead
-    random = max(mesh.unresolved.vertex) if mesh.unresolved is not None else 0.0
-    steepest = mesh.max_slope + _RANDOM_SLOPES * math.sqrt(random)
+    """Return the part of a sheet where unscattered light can cross to a receiver."""
+    # `lit_patch` covers 4.5 standard deviations of the slope that it is given: a 4.5th of the
+    # steepest slope makes it cover just that
+    variance = max(mesh.unresolved.vertex) if mesh.unresolved is not None else 0.0
+    steepest = mesh.max_slope + _RANDOM_SLOPES * math.sqrt(variance)
     center, half = link.lit_patch(steepest / _LIT_SLOPES)
     lines = []
     for axis in (0, 1):
@@ -208,6 +218,7 @@ def _patch(link: Link, mesh: TriangleMesh, sheet: _Sheet) -> _Sheet:
 
 def _facing(arrays: ForcedLink, receiver: int) -> ForcedLink:
     """Return a link with isotropic sources on the axis of a receiver."""
+    # of a downlink: lamps are the emitters of `forwards`, which is turned upside down
     if arrays.forwards is not None:
         forwards = arrays.forwards
         emitters = [_moved(e, forwards.targets[receiver]) for e in forwards.emitters]
@@ -218,9 +229,10 @@ def _facing(arrays: ForcedLink, receiver: int) -> ForcedLink:
 
 
 def _moved(emitter: Emitter, target: Target) -> Emitter:
-    """Return an isotropic source below the place to which the axis of a receiver points."""
+    """Return an isotropic source where the axis of a receiver meets the height of an emitter."""
     axis, center = target.axis, target.center
-    # back along the axis, down to the depth of the source; almost level axes end within ten heights
+    # Back along the axis, which has the direction of arriving light; 0.1 lets almost level axes end
+    # within ten heights. Refraction is left out.
     reach = (center.z - emitter.position.z) / max(axis.z, 0.1)
     x, y = center.x - reach * axis.x, center.y - reach * axis.y
     position = Vec3(x, y, emitter.position.z)

@@ -1,4 +1,4 @@
-"""Rows of the light of chains and of unscattered light."""
+"""Arrivals of light at receivers, by chains of scatterings and unscattered, one row each."""
 
 from __future__ import annotations
 
@@ -18,11 +18,14 @@ from meshtrace.results.tallies import ArrivalTally, sums_by_group, travel_time
 from meshtrace.stored import SHIFTS
 
 ChainJob = tuple[list[int], Block]
-"""Targets, and the chains that one thread aims at them."""
+"""Numbers of targets, and the chains that one thread aims at them."""
 
 
 def chain_jobs(pairs: list[tuple[int, int]], sets: list[list[Drawing]]) -> list[ChainJob]:
-    """Return the jobs that aim the chains of each source at the targets of `pairs`."""
+    """Return the jobs that aim the chains of each source at its targets.
+
+    `pairs` are (emitter, target); `sets` has the drawings of chains of each emitter.
+    """
     # a block of chains is drawn once and aimed at all targets of its source
     jobs = []
     for e, drawings in enumerate(sets):
@@ -42,16 +45,16 @@ class Light(NamedTuple):
     weight: Floats
     order: NDArray[np.int64]  # number of scatterings
     water: Floats  # path in the water [m]
-    air: Floats
-    angle: Floats  # to the axis of the receiver [rad]
-    lamp: Floats  # cosine of the emission to the axis of the source
-    shift: NDArray[np.int64]
+    air: Floats  # path in the air [m]
+    angle: Floats  # of arrival, to the axis of the receiver [rad]
+    lamp: Floats  # cosine of the angle of emission to the axis of the source
+    shift: NDArray[np.int64]  # independent group of the chain, 0 ... SHIFTS - 1
     sample: NDArray[np.int64]  # number of the chain in its set, -1 without one
     log_weights: Floats  # (n, functions): what paths sum up, see `kernels.tints`
     facet: NDArray[np.int64]  # that of unscattered light without random slopes, else -1
 
     def table(self, receiver: int, factor: Floats, link: Link) -> ArrivalTally:
-        """Return the rows as those of a receiver, their weights times a factor."""
+        """Return the table of arrivals at a receiver, with the weights times `factor` (n,)."""
         return ArrivalTally(
             receiver=np.full(len(self.weight), receiver),
             weight=self.weight * factor,
@@ -86,7 +89,10 @@ def direct_light(
     at: Vec3 | None = None,
     shift: int = -1,
 ) -> Light:
-    """Return unscattered light by facet, from the centre or a point `at` of a source."""
+    """Return unscattered light by facet, from the centre or a point `at` of a source.
+
+    `gains` (facets,) are those of a source of all the power.
+    """
     link, unit = aimed.link, aimed.link.frame.unit
     # few facets of a sea send light to one receiver
     nonzero = np.flatnonzero(gains)
@@ -94,7 +100,8 @@ def direct_light(
     source = link.emitters[emitter]
     if at is not None:
         source = source._replace(position=at)
-    # straight to the centroid of the facet, straight on to the centre of the aperture
+    # paths and angles of a facet: straight to its centroid, and from there to the centre of the
+    # aperture
     start = np.array(source.position)
     up, way = crossing - start, np.array(link.targets[target].center) - crossing
     water, air = (unit * np.linalg.norm(part, axis=1) for part in (up, way))
@@ -123,7 +130,8 @@ def chain_light(
 ) -> Light:
     """Return the arrivals of a set of chains, or of a block of one."""
     link, unit = aimed.link, aimed.link.frame.unit
-    # chains in all, of which a block has some; `audit` has one entry a chain
+    # Number of the first chain among the n of its request: a block has some of them, and their
+    # mean over n is the gain. `audit` has one entry a chain.
     first, n = (block.span.start, block.request.number) if block else (0, len(chains.audit))
     arrivals = aimed.aim(emitter, target, chains, keep=True).arrivals
     # each chain aims at a point of its own on the aperture
@@ -150,9 +158,10 @@ def _angles(
 ) -> tuple[Floats, Floats]:
     """Return angles of arrival [rad] and cosines of emission of chains, by their two end segments.
 
-    Chains of light that goes down start at the receiver and end at the lamp.
+    `start` and `end` (n, 3) point along the chain, from its lower to its upper end. Chains of light
+    that goes down run backwards, from the receiver to the lamp.
     """
-    # chains leave the lower end: a source that emits, or a receiver whose axis they run against
+    # the lower end is a source, or a receiver whose axis, as an emitter, is turned to its view
     low, high = arrays.emitters[emitter], arrays.targets[target]
     first = _cosine(start, low.axis)
     if arrays.down:

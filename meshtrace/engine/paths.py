@@ -1,4 +1,4 @@
-"""Photon paths for visualisation: analog photons and received light."""
+"""Photon paths for visualisation: analog photons, and chains of light that is received."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ class PhotonPaths:
     Attributes
     ----------
     vertex : ndarray, shape (paths, vertices, 3)
-        Positions [m], nan behind the end.
+        Positions [m], nan after the end of the path.
     weight : ndarray, shape (paths, vertices)
-        Weight with which the photon leaves the vertex.
+        Weight with which the photon leaves the vertex, nan after the end.
     what : ndarray of int8, shape (paths, vertices)
-        `Vertex` codes, -1 behind the end.
+        `Vertex` codes, -1 after the end.
     photon : ndarray of int64, shape (paths,)
         Photon that a path belongs to; light reflected by the surface starts a new path.
     """
@@ -69,7 +69,7 @@ class PhotonPaths:
         """Return points (n, 3) and VTK cells: the count of each line before its points."""
         used = self.what >= 0
         points = self.vertex[used]
-        # counts go before the points of each line, where the lines before it end
+        # a cell of VTK is (count, index, index, ...): counts go before the index of the first point
         starts = np.cumsum(self.length) - self.length
         return points, np.insert(np.arange(len(points)), starts, self.length)
 
@@ -99,12 +99,12 @@ def record_paths(
     max_vertices: int,
     options: Analog,
 ) -> PhotonPaths:
-    """Return the paths of the first n analog photons; the tallies do not change."""
+    """Return the paths of the first n analog photons, the same ones as in a run that tallies."""
     recorder = new_recorder(n, max_vertices)
     run_analog(
         link,
         EmbreeIntersector(mesh, 1),
-        # one chunk, as the recorder has room for its photons only: whole blocks, rounded up
+        # one chunk, as the recorder has room for n photons only: n rounded up to whole blocks
         options.replace(batch_size=max(-(-n // BLOCK) * BLOCK, BLOCK)),
         photons=n,
         seed=seed,
@@ -115,14 +115,17 @@ def record_paths(
 
 
 def _empty(longest: int, photon: NDArray[np.int64]) -> PhotonPaths:
-    """Return paths of photons without vertices."""
-    room = new_recorder(len(photon), longest)
-    return PhotonPaths(room.vertex, room.weight, room.what, photon)
+    """Return paths of the given photons to be filled in, of up to `longest` vertices each."""
+    recorder = new_recorder(len(photon), longest)
+    return PhotonPaths(recorder.vertex, recorder.weight, recorder.what, photon)
 
 
 def _split(recorder: Recorder) -> PhotonPaths:
-    """Split the records after each flight through the air; reflected light starts a new path."""
-    pieces: list[tuple[int, int, int]] = []
+    """Return the paths of recorded photons, split where light is reflected by the surface.
+
+    A path ends where it is received or lands.
+    """
+    pieces: list[tuple[int, int, int]] = []  # photon, first vertex and one beyond the last
     for i, n in enumerate(recorder.length):
         codes = recorder.what[i, :n]
         starts = [0, *np.flatnonzero(codes == Vertex.BRANCH)]
@@ -146,16 +149,20 @@ def received_paths(
 ) -> PhotonPaths:
     """Return n paths of light into the first receiver, sampled in proportion to their weight.
 
-    From the source over its scatterings and the crossing to the aperture; all carry the same share
-    of the gain. Scattered light is that of chains, also where its gain rests on joined photons.
+    Paths go from the source by way of the scatterings and the crossing to the aperture; all carry
+    the same share of the gain. Scattered light is that of chains, even where the gain is estimated
+    by joined photons.
     """
+    # 1 names the stream of the draws of this function
     sea, rng = TypicalSea.of_meshes([mesh]), np.random.default_rng([seed, 1])
     forced = ForcedDetection(link, chains, seed, normals, sea=sea, scattered="chains")
-    # chains without a scattering, too: light through facets has no paths of its own
+    # chains without a scattering stand for unscattered light: its integral over the facets follows
+    # no paths
     aimed, sets = forced.planner.aim_over(mesh), forced.sets(unscattered=True)
     arrays = forced.arrays
     shares, paths = list[float](), list[Floats]()
-    # to the first receiver: of an uplink target 0 of each source, of a downlink emitter 0
+    # To the first receiver: target 0 of each source of an uplink. Chains of a downlink run
+    # backwards: emitter 0 is the receiver, and the targets are the sources.
     for s, power in enumerate(arrays.power):
         e, t = (0, s) if arrays.down else (s, 0)
         for chain_set in map(forced.drawer.whole, sets[e]):
@@ -164,11 +171,12 @@ def received_paths(
             weight = power * arrivals["weight"] / len(chain_set.audit)
             if not weight.sum() > 0.0:
                 continue
-            # in proportion to weight, so that every drawn path stands for the same light
+            # drawn with replacement, in proportion to weight: each drawn path stands for the same
+            # light
             drawn = rng.choice(len(arrivals), min(n, len(arrivals)), p=weight / weight.sum())
             ends = arrays.emitters[e], arrays.targets[t]
             paths += [_placed(chain_set.chains, arrivals[k], *ends) for k in drawn]
-            # those drawn share the light of the order among them
+            # each has an equal share of the light of the set
             shares += [float(weight.sum()) / max(len(drawn), 1)] * len(drawn)
     if not paths:
         dark = Described("no light is received")
@@ -179,7 +187,7 @@ def received_paths(
     out = _empty(max(len(paths[i]) for i in chosen), np.arange(n, dtype=np.int64))
     for k, i in enumerate(chosen):
         m = len(paths[i])
-        # light that goes down is followed backwards: its vertices are turned round
+        # light that goes down is followed backwards: the order of its vertices is reversed
         out.vertex[k, :m] = arrays.frame.metres(paths[i][:: -1 if arrays.down else 1])
         out.weight[k, :m] = total / n
         out.what[k, :m] = Vertex.SCATTER
@@ -193,8 +201,9 @@ def received_paths(
 
 
 def _placed(chains: Chains, arrival: np.void, emitter: Emitter, target: Target) -> Floats:
-    """Return the points of a chain turned to its emission direction, up to the aperture."""
-    # chains are drawn about the z axis: turned as a whole, they start in the emission direction
+    """Return the points (n, 3) of a chain from its emitter to its target, in local coordinates."""
+    # chains are drawn as if emitted along z: turned as a whole, they leave along the direction
+    # `emission`; their vertices are relative to the start
     i = int(arrival["chain"])
     vertices = np.transpose(_turned(Vec3(*arrival["emission"]), Vec3(*chains.vertex[i].T)))
     start = on_disk(emitter.position, emitter, chains.disk[i : i + 1])

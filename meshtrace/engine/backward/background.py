@@ -81,17 +81,24 @@ from meshtrace.results.series import ByWavelength, checked_wavelengths
 from meshtrace.stored import SHIFTS
 
 SKY, GLINT, WATER, FOAM, SUN = range(len(PARTS))
-"""Columns of the parts of a radiance. GLINT: sun mirrored by the surface; SUN: through it."""
+"""Columns of a radiance by parts, as in `PARTS`. GLINT: sun mirrored by the surface.
 
-_REACH = 6.0  # standard deviations of the slopes, to which the cone about the sun is sampled: 2e-8
-# of the light is left out, and rays are spread thinner
-_ARRIVALS = 64  # room for the light of a photon: a chunk that needs more is run again
+SUN: seen directly from the air; under water refracted, or scattered there.
+"""
+
+_REACH = 6.0  # Radius of the cone sampled about the sun, in standard deviations of the slopes. A
+# Gaussian of two components leaves out exp(-6^2 / 2) = 2e-8 of the light; a wider cone holds fewer
+# rays that count.
+_ARRIVALS = 64  # recorded scores per photon that a chunk has memory for; one with more runs again
 _LEVELS = 4000  # nodes of the optical depth: 2.5 mm over 10 m, for layers and bubbles
-_BLUR = math.radians(3.0)  # radius of the sun's disk under water: less noise, more bias
-_ANGLES = 1024  # nodes of the blurred phase function: 17 over the radius of that disk
-_RINGS = 2000  # of the phase function within the disk, equal in the logarithm; twice as many beyond
-_FORWARD = math.radians(10.0)  # of scattering that leaves light in the sun's beam: noise, see above
-_WIDE = np.linspace(0.0, math.pi, _ANGLES) > _FORWARD
+_BLUR = math.radians(3.0)  # radius of the sun's disk under water; a larger one: less noise, more
+# bias
+_ANGLES = 1024  # nodes of the blurred phase function, 0 to pi: 17 over the radius of that disk
+_RINGS = 2000  # rings of scattering angle up to _BLUR, of equal logarithmic width; beyond it twice
+# as many of equal width
+_FORWARD = math.radians(10.0)  # For a receiver in the air, light scattered by less stays in the
+# sun's beam: less noise, see the docstring of the module.
+_WIDE = np.linspace(0.0, math.pi, _ANGLES) > _FORWARD  # the angles that scatter then
 
 
 def seen_from_water(
@@ -99,9 +106,9 @@ def seen_from_water(
 ) -> Floats:
     """Return the radiances of the parts by shift for a receiver in the water.
 
-    Shape (wavelengths, shifts, parts) [W m-2 sr-1 nm-1], at the wavelengths of links. Sun that
-    reaches the receiver unscattered passes the mesh; scattered sunlight passes still water before
-    it.
+    Shape (wavelengths, shifts, parts) [W m-2 sr-1 nm-1], at the wavelengths of links. Sunlight that
+    reaches the receiver unscattered crosses the mesh; sunlight that is scattered on its way enters
+    through a level surface.
     """
     view = view_of(links[0], photons, case.run.seed)
     parts = np.zeros((len(links), SHIFTS, len(PARTS)))
@@ -111,12 +118,13 @@ def seen_from_water(
     if not scene.direct.any():
         return parts
     depths = [optical_depth(link) for link in links]
-    through = []
+    through = []  # at each index, the smallest and the largest: radiance over irradiance [sr-1]
     for n in scene.indices.tolist():
         law = Refraction(scene.sun, n)
         # random slopes bend the sun to the receiver everywhere, a mesh alone at separate points
-        direct = _through_slopes if scene.rough else bent_sun
-        through.append(direct(scene, law, view, depths))
+        refract_sun = _through_slopes if scene.rough else bent_sun
+        through.append(refract_sun(scene, law, view, depths))
+    # irradiance across the sun's beam [W m-2 nm-1], times the share of the sea that is free of foam
     sun = scene.direct[:, None] * (1.0 - scene.foam)
     parts[..., SUN] += sun * scene.at_wavelengths(through)
     return parts
@@ -125,22 +133,22 @@ def seen_from_water(
 def optical_depth(link: Link) -> Depth:
     """Return a function that gives the vertical optical depth from the surface to the receiver.
 
-    Its argument are points (n, 3) of the surface in local coordinates. Above still water there are
-    no bubbles.
+    Its argument is an array of points (n, 3) of the surface in local coordinates. The water of
+    crests, above the mean level, has no bubbles.
     """
-    unit = frame_of(link).unit
+    unit = frame_of(link).unit  # [m] per local unit
     depth = np.linspace(0.0, -only_aperture(link).center[2], _LEVELS)
     a, b = link.water.profile(depth)
     c = a + b
     if link.bubbles is not None:
         c = c + link.bubbles.b(depth)
-    # from still water down to each depth
-    path = integral(c, depth[1])
-    top = float(a[0] + b[0])
+    path = integral(c, depth[1])  # optical depth from the mean level down to each node
+    top = float(a[0] + b[0])  # [m-1]
 
     def below(points: Floats) -> Floats:
         z = unit * points[:, 2]
-        # a trough leaves out the water above it, a crest adds water like that at the top
+        # z up from the mean level [m]: a trough lacks the water above it, a crest adds water like
+        # that at the top
         above = np.interp(np.maximum(-z, 0.0), depth, path)
         return np.asarray(path[-1] - above + top * np.maximum(z, 0.0))
 
@@ -150,7 +158,7 @@ def optical_depth(link: Link) -> Depth:
 def _through_slopes(scene: SeenSea, law: Refraction, view: View, depths: Sequence[Depth]) -> Floats:
     """Return the mean radiance of the sun through unresolved slopes, over its irradiance [sr-1].
 
-    Shape (wavelengths, shifts).
+    Shape (wavelengths, shifts); the irradiance E is that across the sun's beam in the air.
 
     L / E = (1 - rho) n^2 cos(theta_a) cos(theta_w) p(s_r - s_m) cos(b_g)
     / (cos^4(b) (n cos(theta_w) - cos(theta_a))^2 |w . n_g|): the microfacet law of Walter et al.
@@ -160,42 +168,52 @@ def _through_slopes(scene: SeenSea, law: Refraction, view: View, depths: Sequenc
     and b_g normal and inclination of the facet.
     """
     surface, n = scene.surface, law.n
-    axis, _ = refracted_sun(scene.days[0], n)
-    # variances of random slopes and of those of the mesh add
+    axis, _ = refracted_sun(scene.days[0], n)  # to the sun, as seen below still water
+    # Variances of random slopes and of those of the mesh add. The cone is round: it takes the sum
+    # over both random components, and the larger component of the mesh.
     spread = math.hypot(surface.roughness.along, surface.roughness.across)
     spread = math.hypot(spread, float(slopes_of(surface.vertex_normals).std(axis=0).max()))
-    lever = 1.0 - law.sun[2] / (n * axis[2])  # turn of the refracted ray by a turn of the normal
-    half = min(_REACH * lever * spread / axis[2], math.radians(80.0))
-    off = 1.0 - math.cos(half)
+    # turn of the refracted ray by a turn of the normal: Snell's law, sin(theta_a) = n sin(theta_w),
+    # gives 1 - d theta_w / d theta_a
+    lever = 1.0 - law.sun[2] / (n * axis[2])
+    # tuned: wider for a slanted sun, within the hemisphere; a wider cone costs rays, not bias
+    half_angle = min(_REACH * lever * spread / axis[2], math.radians(80.0))
+    cone_size = 1.0 - math.cos(half_angle)  # its solid angle over 2 pi
 
     def mean(rays: View) -> Floats:
         # uniform over the solid angle of the cone: the cosine is uniform
-        cos_t = 1.0 - rays.uniforms[:, 2] * off
+        cos_t = 1.0 - rays.uniforms[:, 2] * cone_size
         towards = cone(axis, 1.0 - cos_t**2, rays.uniforms[:, 3])
         hit, _ = first_hits(scene, rays.origins(), towards, below=True)
+        # Light travels against `towards`. Slopes take the normal that points up, the area seen
+        # takes that of the facet's lower side.
         radiance = by_slopes(law, -towards, hit.normal, -hit.facet_normal, surface.roughness)
+        # rays at or below the horizontal are masked below: 1e-6 only spares a division by 0
         tau = np.array([depth(hit.point) for depth in depths]) / np.maximum(towards[:, 2], 1e-6)
+        # `accepted` is the cosine at the aperture, 0 outside of the field of view
         seen = radiance * np.exp(-tau) * rays.accepted(towards) * (towards[:, 2] > 0.0)
         return np.asarray(seen.reshape(len(depths), -1, rays.per_shift).mean(axis=2))
 
     means = np.concatenate([mean(rays) for rays in view.blocks()], axis=1)
-    # Flux over that of an even radiance: the solid angle of the cone, 2 pi (1 - cos), over that of
-    # the view weighted by the cosine at the receiver, pi sin^2.
-    return np.asarray(2.0 * off / view.sin2_psi * means)
+    # Mean radiance = int L cos dOmega / (pi sin^2 psi), psi half the field of view: the integral is
+    # the mean over the rays, times the solid angle of their cone, 2 pi (1 - cos).
+    return np.asarray(2.0 * cone_size / view.sin2_psi * means)
 
 
 def walked_radiance(
     case: Case, mesh: TriangleMesh, links: Sequence[Link], days: Sequence[Daylight], view: View,
     *, in_water: bool,
 ) -> Floats:  # fmt: skip
-    """Return the radiance of sky and of scattered sun at a receiver (wavelengths, shifts, 2).
+    """Return the radiance of sky and of scattered sun at a receiver [W m-2 sr-1 nm-1].
 
-    From the air only light that has been in the water counts.
+    Shape (wavelengths, shifts, 2). For a receiver in the air only light that has been in the water
+    counts.
 
     Raises
     ------
     Refused
-        If the water absorbs otherwise than along the way, or the forms are those of the paper.
+        If absorption is not applied continuously along the path, or Snell's law is not the physical
+        form.
     """
     for name, required in (("absorption", "continuous"), ("snell", "physical")):
         form = getattr(links[0].physics, name)
@@ -222,7 +240,7 @@ class _Walk(NamedTuple):
     case: Case
     mesh: TriangleMesh
     view: View
-    in_water: bool  # whether the receiver is
+    in_water: bool  # whether the receiver is in the water
 
     def at_one_wavelength(self, link: Link, day: Daylight) -> Floats:
         """Return the radiance of sky and of scattered sun (1, shifts, 2)."""
@@ -238,7 +256,8 @@ class _Walk(NamedTuple):
     ) -> Floats:
         """Return the radiances at wavelengths that share photons (wavelengths, shifts, 2).
 
-        Photons are those of several bases in turn, and of the smallest and the largest index, as in
+        A base is a link whose absorption and scattering the photons follow. They follow several
+        bases in turn, each with the smallest and with the largest refractive index, as in
         `engine.correlated.analog_sums`.
         """
         tinting = paths.tinting
@@ -246,44 +265,52 @@ class _Walk(NamedTuple):
         # a run is a base (absorption and scattering) and an end (smallest or largest index)
         runs = [(base, end) for base in range(len(bases)) for end in range(len(paths.bases))]
         per_shift, radiances = self.view.per_shift, np.zeros((len(links), SHIFTS, 2))
-        turn = np.arange(per_shift) * len(runs) // per_shift  # a part of a net is one, too
-        numbers = np.bincount(turn, minlength=len(runs)).reshape(len(bases), -1)
-        # Sky and sun of unit irradiance: their spectra weigh the sums at the end.
-        even = days[0].replace(direct=1.0 if any(day.direct for day in days) else 0.0, diffuse=1.0)
+        # Run of each ray of a shift, in contiguous parts: a part of a net of quasi-random points is
+        # such a net, too.
+        turn = np.arange(per_shift) * len(runs) // per_shift
+        numbers = np.bincount(turn, minlength=len(runs)).reshape(len(bases), -1)  # (bases, ends)
+        # Unit irradiance of sky and sun (0 without any sun): the spectra weigh the sums at the end.
+        unit_day = days[0].replace(
+            direct=1.0 if any(day.direct for day in days) else 0.0, diffuse=1.0
+        )
         for k, (base, end) in enumerate(runs):
             link = bases[base].replace("water.n", paths.bases[end].water.n)
             rays = np.flatnonzero(np.tile(turn == k, SHIFTS))
             of_end = numbers[:, end].sum()  # photons of a shift that have this index
             mixture = tinting.mixture(base, numbers[:, end] / of_end)
-            sums = self._sums(link, links, even, rays, tinting, mixture)
-            # Light is linear between the two indices, its share of the largest is `paths.shares`.
-            # `sums` are over all photons of a shift: means are those of the photons of an end.
+            sums = self._sums(link, links, unit_day, rays, tinting, mixture)
+            # Radiance is interpolated linearly between the two indices: `paths.shares` is the
+            # weight of the largest. `sums` are divided by all photons of a shift; the mean wanted
+            # is that over the photons of this index.
             part = paths.shares if end else 1.0 - paths.shares
             scale = part * per_shift / of_end if len(paths.bases) > 1 else 1.0
             radiances += sums * np.broadcast_to(scale, len(links))[:, None, None]
-        irradiances = np.array([(day.diffuse, day.direct) for day in days])
+        irradiances = np.array([(day.diffuse, day.direct) for day in days])  # of sky and sun
         return radiances * irradiances[:, None]
 
     def _sums(
         self, link: Link, links: Sequence[Link], day: Daylight, rays: NDArray[np.int64],
         tinting: Tinting, mixture: Mixture,
     ) -> Floats:  # fmt: skip
-        """Return the radiances (wavelengths, shifts, 2) of photons of a link at those of `links`.
+        """Return the radiances (wavelengths, shifts, 2) that photons of `link` give for `links`.
 
-        They are divided by the number of all photons of a shift.
+        Sums over `rays`, divided by the number of all photons of a shift.
         """
         per_shift, factors = self.view.per_shift, factors_of(len(links))
         sun, _ = refracted_sun(day, link.water.n / link.n_air)
-        none = np.zeros((2, len(links)))
-        # In the order of the scores: light of the sky has no last scattering, that of the sun has
-        # one by the water or by bubbles.
-        last_events = [LastScattering(1.0, none, none + 1.0)]
+        zeros = np.zeros((2, len(links)))
+        # In the order of the scores: light of the sky has no last scattering, so that its factors
+        # are 1 (logarithm 0) at any depth and angle; sunlight has one by the water or by bubbles.
+        last_events = [LastScattering(1.0, zeros, zeros + 1.0)]
         for by_bubbles in (False, True):
-            last_events.append(_sunlit(link, links, float(sun[2]), self.in_water, by_bubbles))
+            last_events.append(
+                _last_scattering(link, links, float(sun[2]), self.in_water, by_bubbles)
+            )
         sums = np.zeros((len(last_events), SHIFTS, len(links)))
         for tallies in self._tallies(link, day, rays, tinting.tints):
             arrivals = tallies.arrivals[: int(tallies.n_arrivals[0])]
             for score, last in enumerate(last_events):
+                # adds to `sums[score]` in place, the group of a ray being its shift
                 add_tinted(arrivals, score, rays // per_shift, mixture, last, factors, sums[score])
         by_light = np.stack([sums[SKY_SCORE], sums[SUN_SCORE] + sums[BUBBLE_SCORE]])
         return by_light.transpose(2, 1, 0) / per_shift * self._squared_index(link)
@@ -291,8 +318,8 @@ class _Walk(NamedTuple):
     def _squared_index(self, link: Link) -> tuple[float, float]:
         """Return the factors on the radiance of sky and of scattered sun.
 
-        Radiance over the squared index is kept along a ray. The scores of the sky are radiances in
-        the air, those of the sun are formed in the water.
+        Radiance over the squared index stays constant along a ray. Scores of the sky are radiances
+        in the air; those of the sun are radiances in the water, where it is scattered.
         """
         n = link.water.n / link.n_air
         return (n**2, 1.0) if self.in_water else (1.0, 1.0 / n**2)
@@ -304,6 +331,8 @@ class _Walk(NamedTuple):
         case, in_water = self.case, self.in_water
         # photons run backwards: nothing but sky and sun collects them
         bare = link.model_copy(update={"receiver": (), "planes": None})
+        # tuned: time for completeness; the roulette is that of forward light from the air, and
+        # photons may cross the surface ten times as often as by default
         options, frame = Analog(roulette=1e-3, max_surface_events=100), frame_of(link)
         intersector = EmbreeIntersector(self.mesh, case.threads)
         setup = setup_of(
@@ -320,10 +349,11 @@ class _Walk(NamedTuple):
             after_water=not in_water,
             sky=day.sky,
             sun=Vec3(*sun.tolist()),
-            # without scattering no collision is connected to the sun: 0 spares the search
+            # without scattering there is no collision to connect to the sun
             irradiance=foam * irradiance if world.medium.b_max > 0.0 else 0.0,
             lost_water=_lost(link.water.phase, in_water),
             lost_bubble=_lost(bubbles, in_water),
+            # for a receiver in the air angles below _FORWARD count as unscattered
             phase_water=blurred_phase(link.water.phase) * (in_water | _WIDE),
             phase_bubble=blurred_phase(bubbles) * (in_water | _WIDE),
         )
@@ -332,25 +362,25 @@ class _Walk(NamedTuple):
         room = 0 if tints is None else _ARRIVALS
         setup = setup._replace(world=world._replace(back=back, tints=tints), arrivals=room)
         for _, tallies in ordered_map(partial(chunk_tallies, setup), spans, case.threads):
-            # Backward photons record the angle of their last scattering in place of a path in the
-            # water: the conversion of lengths to metres is undone.
+            # Backward photons record the angle [rad] of their last scattering in the column of the
+            # path in the water, which `chunk_tallies` has multiplied by `unit`: undone here.
             tallies.arrivals["water"] /= frame.unit
             yield tallies
 
 
 def _lost(phase: PhaseFunction, in_water: bool) -> float:
-    """Return the share of the scattering that takes light out of the sun's beam."""
+    """Return the share of scattering that takes light out of the sun's beam: all in the water."""
     return 1.0 if in_water else 1.0 - float(phase.cdf(_FORWARD))
 
 
-def _sunlit(
-    base: Link, links: Sequence[Link], slant: float, in_water: bool, by_bubbles: bool
+def _last_scattering(
+    base: Link, links: Sequence[Link], cos_sun: float, in_water: bool, by_bubbles: bool
 ) -> LastScattering:
-    """Return the ratio of the scattering of sunlight into a path at wavelengths to the base's.
+    """Return the factors of the wavelengths on the scattering of sunlight into a path.
 
-    b_c p_c(theta) / (b p(theta)) exp(-(tau_c - tau) / slant), tau the optical depth below still
-    water and `slant` the cosine of the sun's zenith angle there; without b for bubbles, which are
-    alike in number.
+    b_c p_c(theta) / (b p(theta)) exp(-(tau_c - tau) / cos_sun) at wavelength c over that of the
+    base, tau the optical depth below still water and cos_sun the cosine of the refracted sun's
+    zenith angle; without b for bubbles, which are alike in number.
     """
     # uniform water needs two nodes; layers are tabulated down to the deepest one
     layers = [link.water.layers[-1][0] for link in (base, *links) if link.water.layers]
@@ -358,10 +388,11 @@ def _sunlit(
     logs, phases = [], []
     for link in (base, *links):
         a, b = (np.broadcast_to(x, grid.shape) for x in link.water.profile(grid))
-        # quasi-single scattering: light scattered by small angles stays in the beam of the sun
+        # quasi-single scattering: light scattered by small angles stays in the beam of the sun;
+        # bubbles are alike at all wavelengths and cancel in the ratio
         lost = a + _lost(link.water.phase, in_water) * b
         scattering = 0.0 if by_bubbles else np.log(np.maximum(b, 1e-300))
-        logs.append(-integral(lost, grid[1]) / slant + scattering)
+        logs.append(-integral(lost, grid[1]) / cos_sun + scattering)
         phase = link.bubbles.phase_function() if by_bubbles and link.bubbles else link.water.phase
         phases.append(blurred_phase(phase))
     log = np.array(logs[1:]).T - logs[0][:, None]
@@ -374,8 +405,8 @@ def blurred_phase(phase: PhaseFunction) -> Floats:
     """Return a phase function [sr-1], averaged over the disk of the sun under water.
 
     Shape (_ANGLES,), at equal steps of the angle from 0 to pi. Rings of the phase function are
-    weighted by the part of them that lies in the disk: the peak at small angles counts by its
-    probability.
+    weighted by the part of them that lies in the disk: a peak at small angles, however narrow,
+    counts by its exact probability.
     """
     edges, inside = _disk_of_rings()
     return np.asarray(inside @ np.diff(phase.cdf(edges))) / (
@@ -385,11 +416,12 @@ def blurred_phase(phase: PhaseFunction) -> Floats:
 
 @cache
 def _disk_of_rings() -> tuple[Floats, Any]:
-    """Return the edges of rings, and the parts of rings in disks at equal steps of the angle.
+    """Return the edges of rings [rad], and the parts (_ANGLES, rings) of them that lie in disks.
 
-    A ring has all directions at an angle from the direction of the light.
+    A ring holds the directions between two angles from the direction of the light; the centers of
+    the disks, of radius _BLUR, are at equal steps of that angle from 0 to pi.
     """
-    # imported here: it takes as long as a first gain
+    # imported here: the import takes as long as a whole first run of `gain`
     from scipy.sparse import csr_array
 
     # rings narrow at small angles, where phase functions peak
@@ -404,8 +436,10 @@ def _disk_of_rings() -> tuple[Floats, Any]:
     return ring, csr_array(np.arccos(np.clip(cosine, -1.0, 1.0)) / math.pi)
 
 
-_BOUNCES = 8  # reflections of a ray that are followed; 0.02^8 of steep light is left
-_OFFSET = 1e-5  # start of a ray above its facet, in units of the frame: single precision at 100
+_BOUNCES = 8  # reflections of a ray that are followed; of light at near-normal incidence, with a
+# reflectance of 0.02, 0.02^8 is left
+_OFFSET = 1e-5  # start of a ray above its facet, in local units: Embree's single precision rounds
+# coordinates of 100 by about as much
 
 
 def seen_from_air(
@@ -413,7 +447,7 @@ def seen_from_air(
 ) -> Floats:
     """Return the radiances of the parts by shift for a receiver in the air.
 
-    Shape (wavelengths, shifts, parts) [W m-2 sr-1 nm-1]; the links are alike but for their waters.
+    Shape (wavelengths, shifts, parts) [W m-2 sr-1 nm-1]; the links differ in their waters alone.
     """
     view, scene = view_of(links[0], photons, case.run.seed), scene_of(case, mesh, links, days)
     blocks = [follow(scene, rays, case.run.seed) for rays in view.blocks()]
@@ -443,7 +477,7 @@ def sun_in_view(scene: SeenSea, view: View) -> float:
         return 0.0
     # one ray: a wave in front of the sun hides all of its small disk, or nothing
     blocked = scene.intersector.intersect([view.center], [sun]).facet[0] >= 0
-    # flux E share cos over the etendue pi sin^2(psi) per area: the mean radiance of the view
+    # int L cos dOmega = E share cos, over the etendue per area, pi sin^2(psi)
     return 0.0 if blocked else share * cosine / (math.pi * view.sin2_psi)
 
 
@@ -452,16 +486,21 @@ def follow(scene: SeenSea, view: View, seed: int) -> Floats:
 
     Shape (wavelengths, shifts, parts).
     """
+    # columns 0 to 3 of the uniforms give the rays, the last three the random slope of a first hit
     origin, direction, u = view.origins(), view.directions(), view.uniforms[:, 4:]
     out = np.zeros((len(scene.days), len(origin), len(PARTS)))
     # `weight` is the product of the reflectances so far, for the rays that are still under way
     weight, rays = np.ones((len(scene.days), len(origin))), np.arange(len(origin))
-    # foam reflects all irradiance evenly: radiance E R / pi
+    # sky of unit irradiance, the same pattern at all wavelengths
     sky, diffuse = scene.days[0].replace(diffuse=1.0).sky, [[day.diffuse] for day in scene.days]
-    glow = np.array([[day.foam_reflectance * day.irradiance / math.pi] for day in scene.days])
+    # foam reflects all irradiance evenly: radiance E R / pi
+    foam_radiance = np.array(
+        [[day.foam_reflectance * day.irradiance / math.pi] for day in scene.days]
+    )
     for bounce in range(_BOUNCES + 1):
         hit, at_sea = first_hits(scene, origin, direction)
-        # what is left after the last reflection sees the sky: no light is lost
+        # What is left after the last reflection sees the sky: no light is lost. Without
+        # `second_hits` that is the first reflection.
         if bounce == _BOUNCES or (bounce > 0 and not scene.second_hits):
             at_sea[:] = False
         free = ~at_sea
@@ -471,11 +510,11 @@ def follow(scene: SeenSea, view: View, seed: int) -> Floats:
         rays, weight = rays[at_sea], weight[:, at_sea]
         hit, back = Hit(*(v[at_sea] for v in hit)), -direction[at_sea]
         if scene.foam > 0.0:
-            out[:, rays, FOAM] += weight * scene.foam * glow
+            out[:, rays, FOAM] += weight * scene.foam * foam_radiance
             weight = weight * (1.0 - scene.foam)
         if scene.direct.any() and scene.rough:
             out[:, rays, GLINT] += weight * _glint(scene, hit, back)
-        # the first tilt belongs to the quasi-random points, later ones matter less
+        # the first tilt is a part of the quasi-random points, later ones, which matter less, random
         if bounce > 0:
             u = view.later_tilts(bounce, seed)
         rho, mirrored, water = _split(scene, direction[at_sea], hit, u[rays])
@@ -504,7 +543,7 @@ def _split(
         )  # fmt: skip
         rhos.append(rho)
         below = scene.water[i].upwelling(-refracted).T if scene.water else np.zeros(1)
-        # radiance over the squared index is kept through the surface
+        # radiance over the squared index does not change at the surface
         leaving.append(below * ((1.0 - rho) / n**2))
     return scene.at_wavelengths(rhos), mirrored, scene.at_wavelengths(leaving)
 
@@ -512,13 +551,15 @@ def _split(
 def _glint(scene: SeenSea, hit: Hit, back: Floats) -> Floats:
     """Return the radiance of the sun mirrored by unresolved slopes (wavelengths, rays).
 
-    `back` (rays, 3) are unit vectors from the hits to the receiver. Shadows by one ray.
+    `back` (rays, 3) are unit vectors from the hits along the ray that arrived. One ray to the
+    center of the sun tells whether a wave hides it.
     """
     sun = scene.sun
     glint = scene.at_wavelengths(
         by_slopes(scene.mirror, back, hit.normal, hit.facet_normal, scene.surface.roughness)
     )
-    # only points that would shine cast a ray to the sun
+    # Only points that would shine cast a ray to the sun; the density of slopes, which makes them
+    # dark, is the same at all wavelengths.
     bright = np.flatnonzero((glint[0] > 0.0) & (hit.facet_normal @ sun > 0.0))
     start = hit.point[bright] + _OFFSET * hit.facet_normal[bright]
     shadow = scene.intersector.intersect(start, np.broadcast_to(sun, start.shape)).facet >= 0
@@ -641,7 +682,7 @@ def backgrounds_over(
 ) -> list[Background]:
     """Return the backgrounds over a mesh at the wavelengths of links, of checked inputs.
 
-    The links have one receiver and are alike but for their waters and lamps.
+    The links have one receiver and differ in their waters and lamps alone.
     """
     aperture = only_aperture(links[0])
     seen = seen_from_air if aperture.center[2] > 0.0 else seen_from_water

@@ -1,19 +1,20 @@
 """View of a receiver: sea and daylight as its rays meet them, and points that bend the sun to it.
 
-Rays run backwards, from the receiver to the light. Coordinates are local, in the unit of the frame
-of the link.
+Rays run backwards, from the receiver to the light. Coordinates and lengths are local, in the unit
+of the frame of the link.
 
-A mesh without unresolved slopes bends a point of the sun to a receiver at separate points. On a
-facet the slope s_m of its interpolated normal and the slope s_r that bends the sun to the receiver
-are equal there; the irradiance of the receiver is
+A mesh without unresolved slopes bends light of one point of the sun to one point of the receiver at
+separate points of the sea. There the slope s_m of the facet's interpolated normal equals the slope
+s_r that bends the sun to the receiver; with the irradiance E across the sun's beam in the air, that
+of the receiver is
 
     E_r = E sum F cos(theta_y) / (R^2 |det d(s_m - s_r) / d(x, y)|)
 
 with F = rho / (4 cos^4 b) for reflection, and (1 - rho) n^2 cos(theta_a) cos(theta_w) /
 (cos^4 b (n cos(theta_w) - cos(theta_a))^2) for refraction into the water; theta_y is the angle of
 arrival to the axis of the receiver, R the distance, b the inclination of the normal, theta_a and
-theta_w the angles to it in air and water. Each point of the disk takes its own point of the sun,
-neighbours opposite ones.
+theta_w the angles to it in air and water. Each sampled point of the aperture takes its own point of
+the sun's disk; those of a pair of successive points are opposite.
 """
 
 from __future__ import annotations
@@ -39,12 +40,14 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
 
-_BLOCK = 2**17  # rays that are followed at a time, some 300 bytes each: memory
-_POINTS = 4  # of the aperture in each shift: each takes a search of the sea for the sun
-_STEPS = 6  # of Newton's method: quadratic, from a centroid whose facet bends little
-_CURVED = 0.5  # largest bend of a gap over a facet, in units of its range: more facets are tried
+_BLOCK = 2**17  # rays that are followed at a time, some 300 bytes each: bounds memory
+_POINTS = 4  # points of the aperture in each shift, each with a search of the sea: time for noise
+_STEPS = 6  # of Newton's method: it converges quadratically, from the centroid of a facet over
+# which the gap is nearly linear
+_CURVED = 0.5  # tuned: allowance for a gap that is not linear over a facet, in units of its range
+# between the corners; a larger one tries more facets
 _SUN_RADIUS = math.radians(SUN_RADIUS_DEG)
-_STEP = 1e-4  # of the derivatives, in barycentrics: central differences err by its square
+_STEP = 1e-4  # of derivatives, in barycentric coordinates: central differences err by its square
 
 
 Depth = Callable[[Floats], Floats]
@@ -58,8 +61,8 @@ class View(NamedTuple):
     axis: Floats  # line of sight, from the receiver
     radius: float
     sin2_psi: float  # squared sine of half the field of view
-    uniforms: Floats  # (rays, 7): two of the disk, two of the cone, three of the first reflection
-    per_shift: int  # rays; those of a shift follow one another
+    uniforms: Floats  # (rays, 7): two of the disk, two of the cone, three of the first random slope
+    per_shift: int  # rays of each random shift of the quasi-random points; they are contiguous
     first: int = 0  # number of the first ray of a block among all rays
 
     def blocks(self) -> Iterator[View]:
@@ -70,10 +73,11 @@ class View(NamedTuple):
             yield self._replace(uniforms=self.uniforms[first : first + rays], first=first)
 
     def later_tilts(self, reflection: int, seed: int) -> Floats:
-        """Return the uniforms (rays, 3) of a reflection after the first, whatever the blocks."""
+        """Return the uniforms (rays, 3) of the random slope at a reflection after the first."""
+        # 23 names the stream, as 19 does that of the points in `view_of`: both are arbitrary
         rng = np.random.PCG64((seed, 23))
-        # PCG64 jumps ahead: the numbers of a ray do not depend on the size of the blocks. 23 names
-        # the stream, as 19 does that of the points.
+        # Three numbers for each ray: PCG64 jumps to those of the first ray of the block, so that
+        # the size of blocks does not matter.
         rng.advance(3 * ((reflection - 1) * SHIFTS * self.per_shift + self.first))
         return np.random.Generator(rng).random((len(self.uniforms), 3))
 
@@ -97,8 +101,9 @@ class View(NamedTuple):
     def share_of_disk(self, towards: Floats, radius: float) -> float:
         """Return the share of a disk of small angular radius [rad] that lies in a wider view.
 
-        That of two circles in a plane: (r^2 a + R^2 b - d r sin a) / (pi r^2) with the angles a
-        and b that half of their common chord spans from either centre.
+        Overlap of two circles in a plane, with centers at a distance d (`apart`): (r^2 a + R^2 b -
+        d r sin a) / (pi r^2), r the radius of the disk, R = psi half the field of view, a and b the
+        angles that half of their chord spans from the centers of disk and view.
         """
         psi = math.asin(math.sqrt(self.sin2_psi))
         apart = math.acos(max(-1.0, min(1.0, float(towards @ self.axis))))
@@ -119,13 +124,14 @@ def view_of(link: Link, points: int, seed: int) -> View:
     psi = math.radians(0.5 * aperture.fov_deg)
     # the axis of an aperture is the direction of light at normal incidence: rays run against it
     axis, center = -np.array(aperture.axis), frame.points(np.array(aperture.center))
+    # seven uniforms a ray, see `View.uniforms`
     places, shifts = shifted_points(7, points // SHIFTS, (seed, 19))
     radius, sin2_psi = aperture.radius / frame.unit, math.sin(psi) ** 2
     return View(center, axis, radius, sin2_psi, shifted(places, shifts), len(places))
 
 
 def cone(axis: Floats, sin2: Floats, u_phi: Floats) -> Floats:
-    """Return directions (n, 3) at squared sines sin2 and azimuths 2 pi u_phi about an axis."""
+    """Return directions (n, 3) about an axis: squared sines sin2 (n,), azimuths 2 pi u_phi (n,)."""
     s, phi = np.sqrt(sin2), 2.0 * math.pi * u_phi
     e1, e2 = _across(axis)
     out = np.outer(s * np.cos(phi), e1) + np.outer(s * np.sin(phi), e2)
@@ -134,7 +140,7 @@ def cone(axis: Floats, sin2: Floats, u_phi: Floats) -> Floats:
 
 def _across(axis: Floats) -> tuple[Floats, Floats]:
     """Return two unit vectors across an axis and each other."""
-    # the axis of coordinates that is farthest from parallel: the cross product keeps its digits
+    # the coordinate axis that is least parallel to `axis`: the cross product keeps its digits
     aside = np.eye(3)[int(np.argmin(np.abs(axis)))]
     e1 = np.cross(axis, aside)
     e1 /= np.linalg.norm(e1)
@@ -155,14 +161,14 @@ class SeenSea(NamedTuple):
     surface: MeshArrays
     days: Sequence[Daylight]  # at each wavelength, of one pattern and sun
     indices: Floats  # of the water over that of the air: one, or the smallest and the largest
-    share: Floats  # (wavelengths,) of the last index, between which light is linear
-    foam: float  # share of the surface
+    share: Floats  # (wavelengths,) weight of the last index in a linear interpolation
+    foam: float  # share of the surface that is covered with it
     water: Sequence[QuasiSingle]  # at the indices; empty where light out of the water is left out
-    second_hits: bool
+    second_hits: bool  # whether mirrored rays may meet the sea again
 
     @property
     def direct(self) -> Floats:
-        """Irradiance across the light of the sun at each wavelength."""
+        """Irradiance across the sun's beam at each wavelength [W m-2 nm-1]."""
         return np.array([day.direct for day in self.days])
 
     @property
@@ -171,7 +177,10 @@ class SeenSea(NamedTuple):
         return np.array(self.days[0].sun)
 
     def at_wavelengths(self, values: Sequence[Floats] | Floats) -> Floats:
-        """Return values (wavelengths, n) of those at the indices (n,) or (wavelengths, n)."""
+        """Return values (wavelengths, n), interpolated between those at the indices.
+
+        `values` has one array at each index, (n,) or (wavelengths, n).
+        """
         first, last = values[0], values[-1]
         return np.asarray(first + self.share[:, None] * (last - first))
 
@@ -193,7 +202,8 @@ def scene_of(
     link = links[0]
     local = frame_of(link).mesh(mesh)
     n = np.array([wave_link.water.n / wave_link.n_air for wave_link in links])
-    # Dispersion is so small that light is linear in the index: two ends serve all wavelengths.
+    # Dispersion is so small that light is linear in the index: two ends serve all wavelengths, one
+    # where they are equal (`np.unique`; the shares are then 0, not 0 / 0).
     indices, water = np.unique([n.min(), n.max()]), list[QuasiSingle]()
     if days[0].water == "quasi-single" and only_aperture(link).center[2] > 0.0:
         waters, bubbles = [x.water for x in links], [x.bubbles for x in links]
@@ -223,14 +233,16 @@ def first_hits(
 ) -> tuple[Hit, NDArray[np.bool_]]:
     """Return the hits of rays on the sea, level beyond the mesh, and the mask of rays with one.
 
-    Rays come from the air, or from `below`.
+    Rays come from the air, or from `below`. Where the mask (rays,) is False hits mean nothing.
     """
-    side = -1.0 if below else 1.0
+    side = -1.0 if below else 1.0  # times a normal: points to the side that rays come from
+    # `facet` is -1 for rays that miss the mesh: the values of the last facet are replaced below
     hits, surface = scene.intersector.intersect(origin, direction), scene.surface
     facet = hits.facet
     facet_normal = surface.face_normals[facet]
     on_mesh = (facet >= 0) & (side * np.einsum("ij,ij->i", facet_normal, direction) < 0.0)
-    # Beyond the mesh the sea is level: light from near the horizon leaves any mesh.
+    # Beyond the mesh the sea is level, z = 0: light from near the horizon leaves any mesh.
+    # Horizontal rays get a distance of 0, and False in the mask.
     level = -origin[:, 2] / np.where(direction[:, 2] == 0.0, math.inf, direction[:, 2])
     distance = np.where(on_mesh, hits.distance, np.maximum(level, 0.0))
     point = origin + distance[:, None] * direction
@@ -248,26 +260,31 @@ def first_hits(
 
 
 def bent_sun(scene: SeenSea, law: Bending, view: View, depths: Sequence[Depth] = ()) -> Floats:
-    """Return the mean radiance of bent sun over the irradiance of the sun [sr-1].
+    """Return the mean radiance of sunlight bent to the view, over the sun's irradiance [sr-1].
 
-    Shape (indices of a reflection, shifts), or (wavelengths, shifts) with the optical depths of
-    points below the surface. Shadows of the sun by other waves are left out, and so is light bent
-    twice.
+    Shape (indices, shifts) for a reflection, (wavelengths, shifts) for a refraction, with the
+    optical depths from the surface to the receiver at each wavelength. Shadows of the sun by other
+    waves are left out, and so is light bent twice.
     """
     surface, per_shift = scene.surface, view.per_shift
+    # the first few rays of each shift stand for its points
     chosen = (per_shift * np.arange(SHIFTS)[:, None] + np.arange(min(_POINTS, per_shift))).ravel()
     corners = _corners(surface, slice(None))
     nearest = np.linalg.norm(surface.vertices - view.center, axis=1).min()
+    # largest turn of rays [rad], from the centers of aperture and sun to any point of both disks
     turns = view.radius / nearest + _SUN_RADIUS
     n = float(np.min(law.n))
-    # One list of facets serves all points of both disks: gaps change by at most `slack` between
-    # them.
-    slack = 2.0 * turns * n / (n - 1.0)  # s_r turns by less over both disks
-    # Nearly all facets are told from their corners, where the gap would have to change its sign.
+    # One list of facets serves all points of both disks: s_r changes by at most `slack` from that
+    # of the centers. The normal -n v - s, at least n - 1 long, turns by n / (n - 1) times the turn
+    # of the ray v, and by less with the sun s, or in a reflection that does not graze; slopes
+    # change by up to twice as much up to an inclination of 45 degrees.
+    slack = 2.0 * turns * n / (n - 1.0)
+    # Nearly all facets are ruled out by their corners, where the gap would have to change its sign.
     near = np.flatnonzero(_may_vanish(_gaps(law, view.center, *corners), slack))
     points = view.origins()[chosen]
-    # A point of the sun's disk for each, even over it. Those of a pair are opposite (antithetic):
-    # what is linear over the disk adds no noise.
+    # A point of the sun's disk for each, even over it, by the two uniforms that elsewhere choose
+    # the ray in its cone. Those of a pair are opposite (antithetic): both take the uniforms of the
+    # first, the second turned by half a circle. What is linear over the disk adds no noise.
     odd = np.arange(len(chosen)) % 2
     u = view.uniforms[chosen, 2:4][np.arange(len(chosen)) - odd]
     suns = cone(law.sun, math.sin(_SUN_RADIUS) ** 2 * u[:, 0], u[:, 1] + 0.5 * odd)
@@ -276,6 +293,7 @@ def bent_sun(scene: SeenSea, law: Bending, view: View, depths: Sequence[Depth] =
         for sun, point in zip(suns, points, strict=True)
     ]
     by_shift = np.transpose(irradiances).reshape(-1, SHIFTS, len(points) // SHIFTS).mean(axis=2)
+    # mean radiance = irradiance over the etendue per area of the aperture, pi sin^2(psi)
     return by_shift / (math.pi * view.sin2_psi)
 
 
@@ -290,7 +308,7 @@ def _gaps(law: Bending, point: Floats, places: Floats, normals: Floats) -> Float
 
 
 def _corners(surface: MeshArrays, facets: Any) -> tuple[Floats, Floats]:
-    """Return the corners of facets, and the normals there (facets, 3, 3)."""
+    """Return the corners of facets, and the normals there, both (facets, 3, 3)."""
     corners = surface.vertices[surface.faces[facets]]
     if surface.interpolate:
         return corners, surface.vertex_normals[surface.faces[facets]]
@@ -298,7 +316,10 @@ def _corners(surface: MeshArrays, facets: Any) -> tuple[Floats, Floats]:
 
 
 def _may_vanish(gaps: Floats, slack: Floats | float) -> NDArray[np.bool_]:
-    """Return whether both components of gaps (facets, 3, 2) at corners may vanish on a facet."""
+    """Return the mask of facets on which both components of a gap may vanish together.
+
+    `gaps` (facets, 3, 2) are those at the corners, `slack` is what they may differ by.
+    """
     low, high = gaps.min(axis=1), gaps.max(axis=1)
     margin = _CURVED * (high - low) + slack
     return np.asarray(((low <= margin) & (high >= -margin)).all(axis=1))
@@ -308,9 +329,9 @@ def _irradiance(
     scene: SeenSea, facets: NDArray[np.int64], law: Bending, view: View, point: Floats,
     depths: Sequence[Depth],
 ) -> Floats:  # fmt: skip
-    """Return the irradiance by bent sun at a point of the aperture, relative to the sun's.
+    """Return the irradiance by bent sunlight at a point of the aperture, over that of the sun.
 
-    Shape (indices of a reflection,), or (wavelengths,) with `depths`.
+    Shape (indices,) for a reflection, (wavelengths,) for a refraction with `depths`.
     """
     corner, normals = _corners(scene.surface, facets)
     possible = _may_vanish(_gaps(law, point, corner, normals), 0.0)
@@ -319,14 +340,14 @@ def _irradiance(
     def gap(u: Floats) -> Floats:
         return _gaps(law, point, _blend(u, corner), _blend(u, normals))
 
-    u = np.full((len(corner), 2), 1.0 / 3.0)
+    u = np.full((len(corner), 2), 1.0 / 3.0)  # barycentric coordinates: of the centroids
     with np.errstate(all="ignore"):
         for _ in range(_STEPS):
             # Newton in barycentrics, for all facets at once; another search than `crossing.newton`,
-            # as the light of a sun has no point of start.
+            # as sunlight does not start at a point.
             u = u - np.einsum("nij,nj->ni", _inverse(_jacobian(gap, u)), gap(u))
         inside = (u >= 0.0).all(axis=1) & (u.sum(axis=1) < 1.0)
-        # Those that have not converged have no root on their facet.
+        # A facet that has not converged, to 1e-9 in slope, has no root on it.
         inside &= np.abs(gap(u)).max(axis=1) < 1e-9
         det = np.abs(np.linalg.det(_jacobian(gap, u)[inside]))
     if not inside.any():
@@ -338,7 +359,8 @@ def _irradiance(
     distance = np.linalg.norm(point - place, axis=1)
     ray = (point - place) / distance[:, None]
     first = scene.intersector.intersect(np.broadcast_to(point, ray.shape), -ray).distance
-    # Embree finds the facet itself, by single precision a little nearer or farther.
+    # Visible from the receiver where the ray meets nothing nearer than the facet itself, whose
+    # distance Embree rounds to single precision: 1e-3 is far above that (tuned).
     seen = first > distance * (1.0 - 1e-3)
     light_in = law.strength(ray, law.normal(ray)) * view.accepted(-ray) / (distance**2 * det)
     tau = np.array([depth(place) for depth in depths] or [np.zeros(len(place))])
@@ -347,7 +369,10 @@ def _irradiance(
 
 
 def _blend(u: Floats, corners: Floats) -> Floats:
-    """Return the values (n, k) at barycentrics u (n, 2) of those at the corners (n, 3, k)."""
+    """Interpolate values at the corners (n, 3, k) to barycentrics u (n, 2): shape (n, k).
+
+    u are the weights of the second and the third corner.
+    """
     share = np.concatenate([1.0 - u.sum(axis=1, keepdims=True), u], axis=1)
     return np.asarray(np.einsum("ni,nij->nj", share, corners))
 
