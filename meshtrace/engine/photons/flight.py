@@ -7,7 +7,7 @@ for good is scored at once. Records and steps that joined photons have in common
 
 Names of these kernels: q is the photon under way, a record that is changed in place; p a point, d a
 unit direction; g the normal of a facet and n that which refracts light, both up; u, v uniform
-numbers in [0, 1). The z axis points up from still water; lengths are in the unit of the frame of
+numbers in (0, 1). The z axis points up from still water; lengths are in the unit of the frame of
 the link, 1 m but for very small and large ones.
 """
 
