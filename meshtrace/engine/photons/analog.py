@@ -270,10 +270,10 @@ def run_analog(
         link, intersector, options, seed, normals, unscattered=unscattered, records=records,
         recorder=recorder, tinting=tinting, turn=turn,
     )  # fmt: skip
-    none, score = setup.world.tallies, np.zeros(setup.n_scores)
-    exact: Any = {name: FixedPointSum(getattr(none, name).shape) for name in _EXACT}
-    counts = none.n_photons.copy(), none.misses.copy()
-    sums = PhotonSums(0, score, score.copy(), *counts, map_scale=none.grid.scale, **exact)
+    empty, score = setup.world.tallies, np.zeros(setup.n_scores)
+    exact: Any = {name: FixedPointSum(getattr(empty, name).shape) for name in _EXACT}
+    counts = empty.n_photons.copy(), empty.misses.copy()
+    sums = PhotonSums(0, score, score.copy(), *counts, map_scale=empty.grid.scale, **exact)
     first, end = options.first_photon, options.first_photon + photons
     starts = range(first, end, options.batch_size)
     chunks = ((start, min(start + options.batch_size, end)) for start in starts)
@@ -292,12 +292,12 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
     # one arrival of each photon at each receiver; few arrive twice
     room = (last - first) * setup.arrivals
     while True:
-        none = setup.world.tallies
-        tallies = none._replace(
+        empty = setup.world.tallies
+        tallies = empty._replace(
             score=np.zeros((last - first, setup.n_scores)),
             arrivals=np.zeros(room, ARRIVAL),
-            map_factors=factors_of(len(none.grid.scale)),
-            **{name: np.zeros_like(getattr(none, name)) for name in _SUMS},
+            map_factors=factors_of(len(empty.grid.scale)),
+            **{name: np.zeros_like(getattr(empty, name)) for name in _SUMS},
         )
         # every thread has tallies and a photon of its own; the surface is shared
         with setup.intersector.function() as bvh:

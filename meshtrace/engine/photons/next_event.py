@@ -9,9 +9,9 @@ W the weight of the photon, tau the optical depth up to P, |A| the area of the a
 slope and p the density of the random slopes, T the transmittance, E the exposure of the facet and C
 the chance of this connection. At a collision, too, a crossing is drawn about that of still water;
 the direction to it and the slope follow. Both ways can produce the same path, so that the balance
-heuristic weights them [1]_.
-Joining to an end in the air has no 1 / r^2 singularity. Without random slopes a collision is joined
-by all crossings that refract its light to x: the one of still water, or those of smooth waves.
+heuristic weights them [1]_. Joining to an end in the air has no 1 / r^2 singularity. Without random
+slopes a collision is joined by all crossings that refract its light to x: the one of still water,
+or those of smooth waves.
 
 Newton's iteration from the crossing of still water leads to one crossing of smooth waves [2]_.
 Others follow from a start drawn about it [3]_: a crossing r to which drawn starts lead with the
