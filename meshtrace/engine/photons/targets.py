@@ -422,7 +422,7 @@ def guided_directions(q, world):
 
 @inlined
 def cone_to(i, p, world):
-    """Return axis and sin^2(half-angle / 2), the edge, of the cone from p to the view of guide i."""
+    """Return axis and edge, sin^2(half-angle / 2), of the cone from p to the view of guide i."""
     t = world.joins.guide[i]
     way = Vec3(t.seen[0] - p.x, t.seen[1] - p.y, -p.z)
     distance = norm(way)
