@@ -234,7 +234,7 @@ def bending_normal(q, facet, world):
 
     Array twin: `roughened`.
     """
-    # light is refracted by the interpolated normal; the facet's decides which side is in its way
+    # light is refracted by the interpolated normal; the facet's own decides what it blocks
     g = row(world.surface.face_normals, facet)
     n = interface.normal_on(place(q), facet, world.surface)
     if interface.takes_slopes(g, world.surface.roughness):

@@ -224,7 +224,7 @@ class JoinedPhotons:
         runs = []
         for i, end in enumerate(link.receivers):
             start, first = ends.emitter_of(end, frame), [self._first[i]] * len(lamps)
-            # reciprocity: the view's share of photons times the share of each lamp's power
+            # what the view of the receiver collects, times the share of each lamp in the power
             runs.append(_Run(start, [i], lamps, start.power * power / power.sum(), first))
         return runs
 
@@ -297,7 +297,7 @@ class JoinedPhotons:
         spread = _SPREAD * math.sqrt(rough + arrays.mean_square_slope(surface))
         if rough > 0.0 and not window.diffuse and self._is_aimed(sources, run.targets, spread):
             # beams onto targets: a collision turns light out of the range that slopes can bend back
-            mean_share = _kept_importance(water, link.water.n / link.n_air, spread)
+            mean_share = _remaining_importance(water, link.water.n / link.n_air, spread)
             kappa = a + b * (1.0 - mean_share)
             window = window._replace(kappa=kappa, highest=_AIMED_HIGHEST, bent=_BENT)
         records = np.zeros(len(run.targets), TARGET)
@@ -418,7 +418,7 @@ def _with_buffers(manifold: Manifold | None) -> Manifold | None:
     return manifold and Manifold(manifold.search, *map(np.zeros_like, manifold[1:]))
 
 
-def _kept_importance(phase: AngleTable, n: float, spread: float) -> float:
+def _remaining_importance(phase: AngleTable, n: float, spread: float) -> float:
     """Return the mean share of its importance that light keeps at a collision.
 
     `spread` is the standard deviation of the slopes, n the index of water over that of air.
@@ -437,7 +437,7 @@ def _fill(row: np.void, target: Target, share: float, free_path: float) -> None:
         row[name] = value
     row["share"] = share
     # the part of still water that it sees: where its axis leads, as wide as its cone and aperture
-    # its axis as it leads down into the water: a lamp shines along it, a receiver looks against it
+    # its axis downwards: that of a lamp is along its light, that of a receiver up, as light goes
     axis = np.array(target.lamp.axis) if target.is_lamp else -np.array(target.axis)
     fall = target.center.z / max(-axis[2], 0.1)  # [m] along the axis, bounded for grazing views
     row["seen"][:2] = np.array(target.center)[:2] + fall * axis[:2]

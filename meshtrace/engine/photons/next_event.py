@@ -375,10 +375,10 @@ def _join_by_slope(at, q, i, goal, still, scene, world, manifold):
     density, share = _through(p, n, g, w, goal, facet, scene, world)
     if share <= 0.0 or not _is_clear(start, w, length, facet, world):
         return
-    turned, theta = _scattered(w, q, world)
-    drawn = turned
+    phase, theta = _scattered(w, q, world)
+    drawn = phase
     if q.at_bottom == 0:
-        drawn = targets.drawn_density(w, turned, q, world)
+        drawn = targets.drawn_density(w, phase, q, world)
     # the drawn crossing as a density of directions: dOmega = cos dA / length^2, dA = dx dy / g_z
     here = q.chance * targets.crossing_density(x, y, still, joins) * length * length * g.z
     here /= facing * scene.target.area
@@ -389,10 +389,10 @@ def _join_by_slope(at, q, i, goal, still, scene, world, manifold):
         * _point_density(i, density, world)
     )
     # balance heuristic: `here` for this connection, `other` for one at the crossing ahead
-    turned *= math.exp(-depth_between(world.medium, start, p, length))
-    share_in = turned * density * share / (here + other)
-    if share_in > 0.0:
-        _score(q, i, q.weight * share_in, theta, p, goal, length, world)
+    phase *= math.exp(-depth_between(world.medium, start, p, length))
+    factor = phase * density * share / (here + other)
+    if factor > 0.0:
+        _score(q, i, q.weight * factor, theta, p, goal, length, world)
 
 
 @outlined
@@ -433,8 +433,8 @@ def _join_at(at, facet, multiplicity, q, i, shot, scene, world):
             return
     # all points of the aperture: |A| dOmega / dx at the one that photons are joined to
     weight *= scene.target.area * per_area * crossing.transmittance(m, world.interface) / q.chance
-    turned, theta = _scattered(m.w, q, world)
-    weight *= turned
+    phase, theta = _scattered(m.w, q, world)
+    weight *= phase
     weight *= math.exp(-depth_between(world.medium, start, p, m.length))
     weight *= multiplicity
     if weight > 0.0:

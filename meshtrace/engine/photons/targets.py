@@ -125,7 +125,7 @@ class Joins(NamedTuple):
 # Law of crossings, a mixture of two Gaussians: width of the second over that of the first, and its
 # share. Tails of slopes are heavier than those of one Gaussian.
 WIDE, WIDE_SHARE = 3.0, 0.15
-# least standard deviation of that law, over the depth of the collision: none would be singular
+# added to the widths of that law, over the depth of the collision: flat water has a width, too
 _LEAST_WIDTH = 0.02
 LEAST_DEPTH = 1e-3  # [m], of a collision below the surface: levers divide by it
 _NEAR = 3.0  # tuned: depths of the lowest trough, below which the waves above are ignored
@@ -304,10 +304,9 @@ def crossing_density(x, y, still, joins):
     dx, dy = x - still.x, y - still.y
     a = (dx * still.ux + dy * still.uy) / width_along
     c = (dy * still.ux - dx * still.uy) / width_across
-    square, wide = a * a + c * c, WIDE * WIDE
+    r2, wide = a * a + c * c, WIDE * WIDE
     # Defensive mixture (Hesterberg 1995) with the wider Gaussian: weights stay bounded.
-    law = (1.0 - WIDE_SHARE) * math.exp(-0.5 * square)
-    law += WIDE_SHARE / wide * math.exp(-0.5 * square / wide)
+    law = (1.0 - WIDE_SHARE) * math.exp(-0.5 * r2) + WIDE_SHARE / wide * math.exp(-0.5 * r2 / wide)
     return law / (TWO_PI * width_along * width_across)
 
 
