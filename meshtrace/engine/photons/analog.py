@@ -1,7 +1,7 @@
 """The analog estimator: individual photons.
 
-The gain is the mean weight of a photon in the aperture. A chunk of photons is followed by one
-thread. Chunks are independent and added in their order.
+The gain is the mean weight that a photon brings to the aperture. Photons are followed in chunks,
+one thread for each; chunks are independent and added in the order of their ids.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from meshtrace.parallel import ordered_map, paced
 from meshtrace.results.tallies import standard_error
 from meshtrace.stored import SHIFTS
 
-_HEADROOM = 6  # bits by which weights at other wavelengths may exceed that of the base
-_GUIDED = 100  # crossings of light that a jet guides
+_HEADROOM = 6  # bits by which weights may exceed that on the shortest path, see `_cells_of`
+_GUIDED = 100  # crossings allowed over a mesh that overhangs: a jet guides light
 # integer tallies, whose sums do not depend on the order of additions; those of floating point are
 # added block by block in the order of the ids
 _EXACT = ("ledger", "map", "map_squared", "radiance")  # fields of `PhotonSums` and of tallies
 _ADDED = ("photons", "score", "score_squared", "count", "misses", *_EXACT, "arrivals")
-# tallies of the kernels that each chunk starts at 0
+# tallies of the kernels that start at 0 in each chunk
 _SUMS = (*_EXACT, "map_tint", "n_photons", "misses", "n_arrivals")
 
 
@@ -109,7 +109,7 @@ class PhotonSums:
         return np.concatenate([x.ravel().view(np.float64) for x in (photons, *self._arrays())])
 
     def of_row(self, row: Floats) -> PhotonSums:
-        """Return the tallies of a row, of the shapes of these."""
+        """Return the tallies that `to_row` wrote; these give the shapes alone."""
         sums, start = deepcopy(self), 1
         sums.photons = int(row[:1].view(np.int64)[0])
         # written into the arrays of the copy, in the order of `to_row`
@@ -120,6 +120,7 @@ class PhotonSums:
         return sums
 
     def _arrays(self) -> list[NDArray[Any]]:
+        """Return the arrays of all tallies but arrivals, in the order of a row."""
         exact = (getattr(self, name).array for name in _EXACT)
         return [self.score, self.score_squared, self.count, self.misses, *exact]
 
@@ -127,8 +128,8 @@ class PhotonSums:
     def of_strata(cls, strata: Sequence[PhotonSums]) -> PhotonSums:
         """Return the sum of tallies of the apertures, each by a fixed number of photons.
 
-        Scores differ between the strata without any noise: their squares are those of photons
-        that all have the mean of the sum, and scatter as within the strata.
+        The means of the strata differ by design, not by noise: the squares returned give the
+        variance within the strata alone, about the mean of all photons.
         """
         whole = reduce(add, strata)
         within = sum(stratum.score**2 / max(stratum.photons, 1) for stratum in strata)
@@ -148,7 +149,7 @@ class PhotonSums:
         return total / n / self.map_scale, error / self.map_scale
 
     def add(self, photons: int, tallies: Tallies) -> None:
-        """Add a finished chunk with the next photons."""
+        """Add the tallies of the next chunk of photons."""
         self.photons += photons
         # blocks of a fixed size, so that sums do not depend on the size of a chunk
         for start in range(0, photons, BLOCK):
@@ -162,7 +163,7 @@ class PhotonSums:
         n = min(int(tallies.n_arrivals[0]), len(tallies.arrivals))
         if n:
             arrivals = tallies.arrivals[:n]
-            # the kernel writes a photon's arrivals in its order; a total order makes files alike
+            # the kernel writes arrivals in the order of a path; a full order makes files alike
             order = np.lexsort((arrivals["water"], arrivals["receiver"], arrivals["photon"]))
             self.arrivals.append(arrivals[order])
 
@@ -174,33 +175,34 @@ def tinted(
     first: int,
     arrivals: bool,
 ) -> list[PhotonSums]:
-    """Return the tallies of the apertures at each wavelength, from arrivals with their sums.
+    """Return the tallies of the apertures at each wavelength, from arrivals with their tint sums.
 
-    `factors` (wavelengths, arrivals) follow from these, times a `scale` (wavelengths,); `first` is
-    the id of the first photon. `arrivals` are kept on demand.
+    `factors` maps tint sums (arrivals, tints) to factors on the weights (wavelengths, arrivals),
+    `scale` (wavelengths,) multiplies them; `first` is the id of the first photon. Results hold the
+    arrivals if `arrivals`.
     """
     hits = sums.all_arrivals
-    # a photon that arrives several times has one score: squares are those of its sum
+    # one score for each pair of photon and aperture: of several arrivals the sum is squared
     n, by_wavelength = len(sums.score), []
-    place, cell = np.unique((hits["photon"] - first) * n + hits["receiver"], return_inverse=True)
-    aperture = place % n
+    pair, pair_of = np.unique((hits["photon"] - first) * n + hits["receiver"], return_inverse=True)
+    aperture = pair % n
     for weight in factors(hits["tint"]) * scale[:, None] * hits["weight"]:
-        score = np.bincount(cell, weight, len(place))
+        score = np.bincount(pair_of, weight, len(pair))
         total: Floats = np.bincount(aperture, score, n).astype(float)
         square: Floats = np.bincount(aperture, score * score, n).astype(float)
-        recorded = hits[: len(hits) * arrivals].copy()
+        recorded = hits[: len(hits) * arrivals].copy()  # all or none
         recorded["weight"] = weight[: len(recorded)]
         by_wavelength.append(replace(sums, score=total, score_squared=square, arrivals=[recorded]))
     return by_wavelength
 
 
 class Setup(NamedTuple):
-    """Inputs common to the chunks of one run, in local coordinates, with tallies of no photons."""
+    """Inputs of all chunks of one run, in the frame of the link, with empty tallies."""
 
     frame: arrays.Frame
     intersector: Intersector
     world: kernel.World
-    arrivals: int  # expected of a photon, 0 where none are kept
+    arrivals: int  # room for those of a photon, 0 where none are recorded
 
     @property
     def n_scores(self) -> int:
@@ -264,16 +266,16 @@ def run_analog(
     """
     records = read_records(record, options)
     options = options_over(intersector.mesh, options)
-    # kernels are compiled for one type: no record is one without room
+    # kernels are compiled for one type: without a recorder one of no photons
     recorder = recorder or new_recorder(0, 0)
     setup = setup_of(
         link, intersector, options, seed, normals, unscattered=unscattered, records=records,
         recorder=recorder, tinting=tinting, turn=turn,
     )  # fmt: skip
-    none, score = setup.world.tallies, np.zeros(setup.n_scores)
-    exact: Any = {name: FixedPointSum(getattr(none, name).shape) for name in _EXACT}
-    counts = none.n_photons.copy(), none.misses.copy()
-    sums = PhotonSums(0, score, score.copy(), *counts, map_scale=none.grid.scale, **exact)
+    empty, score = setup.world.tallies, np.zeros(setup.n_scores)
+    exact: Any = {name: FixedPointSum(getattr(empty, name).shape) for name in _EXACT}
+    counts = empty.n_photons.copy(), empty.misses.copy()
+    sums = PhotonSums(0, score, score.copy(), *counts, map_scale=empty.grid.scale, **exact)
     first, end = options.first_photon, options.first_photon + photons
     starts = range(first, end, options.batch_size)
     chunks = ((start, min(start + options.batch_size, end)) for start in starts)
@@ -292,12 +294,12 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
     # one arrival of each photon at each receiver; few arrive twice
     room = (last - first) * setup.arrivals
     while True:
-        none = setup.world.tallies
-        tallies = none._replace(
+        empty = setup.world.tallies
+        tallies = empty._replace(
             score=np.zeros((last - first, setup.n_scores)),
             arrivals=np.zeros(room, ARRIVAL),
-            map_factors=factors_of(len(none.grid.scale)),
-            **{name: np.zeros_like(getattr(none, name)) for name in _SUMS},
+            map_factors=factors_of(len(empty.grid.scale)),
+            **{name: np.zeros_like(getattr(empty, name)) for name in _SUMS},
         )
         # every thread has tallies and a photon of its own; the surface is shared
         with setup.intersector.function() as bvh:
@@ -328,7 +330,7 @@ def setup_of(
 ) -> Setup:
     """Return the inputs of the chunks, in the frame of the link unless one is given."""
     frame = frame or arrays.frame_of(link)
-    # a map is in metres of the world, the frame is that of the link
+    # a map is in metres of the world, to be converted to the frame of the link
     cells = _cells_of(records.get("irradiance-map"), link, frame, tinting, turn)
     if frame != arrays.IDENTITY:
         intersector = intersector.for_mesh(frame.mesh(intersector.mesh))
@@ -346,7 +348,8 @@ def setup_of(
         roulette = 1e-3
         if sources.in_water.all() and link.planes is None:
             depth = frame.unit * max(-z for z in sources.position[:, 2])
-            # half of exp(-a depth): light that goes straight up never meets the roulette
+            # half of exp(-a depth): light that goes straight up never meets the roulette; 600 keeps
+            # the limit above 0
             roulette = 0.5 * math.exp(-min(link.water.a * depth, 600.0))
     medium = frame.medium(arrays.medium_arrays(link, frame.unit * crest))
     world = kernel.World(
@@ -409,17 +412,18 @@ def _cells_of(
 ) -> MapGrid:
     """Return the cells of a map at the wavelengths of a tinting, none without a map.
 
-    Squared weights keep their digits with powers of two, from the absorption of the shortest way
-    down the water. Weights at other wavelengths may exceed it: `_HEADROOM` keeps the sums of a
-    chunk below 2^63.
+    Integer tallies of weak light would lose digits: scores are scaled by the power of two that
+    brings the weight on the shortest path through the water to about 1. Weights at other
+    wavelengths may exceed it: `_HEADROOM` keeps the sums of a chunk below 2^63.
     """
     if not isinstance(grid, IrradianceMap):
         return MapGrid()
-    # the clearest layer: the shortest way is absorbed least there, and no weight is larger
+    # by the clearest layer: no path is absorbed less, and no weight is larger
     mixture, tints, layers = tinting.mixture(*turn), tinting.tints, link.water.layers
     levels = [source.center[2] for source in link.transmitters]
     way = min(abs(min(z, 0.0) - min(grid.height, 0.0)) for z in levels)
     a = link.water.a if layers is None else min(row[1] for row in layers)
+    # logarithm of the transmission on that path, by wavelength
     logs = np.full(mixture.shares.shape[1], -a * way)
     if tints is not None:
         logs -= mixture.shares.T @ tints.c.mean(axis=1) * way / frame.unit

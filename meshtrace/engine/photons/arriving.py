@@ -1,7 +1,7 @@
 """Analog photons as an estimator of the scattered light of receivers.
 
-They count where they hit an aperture. Their scores are bounded by the absorption on the shortest
-way, so that their errors have no heavy tail, whatever the phase function and the waves.
+Photons score where they hit an aperture. No score exceeds the transmission on the shortest path, so
+that the errors have no heavy tail, whatever the phase function and the waves.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from meshtrace.engine.setup.options import Analog, Arrivals
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
 
-_ROULETTE = 0.5  # of the largest weight that arrives: lighter photons are ended or made heavier
+_ROULETTE = 0.5  # limit of Russian roulette, over the largest weight that can arrive
 
 
 def largest_weight(link: Link, trough: float) -> float:
@@ -30,7 +30,7 @@ def largest_weight(link: Link, trough: float) -> float:
     """
     if link.physics.absorption != "continuous":
         return 1.0
-    # of layers the clearest: no path is absorbed less
+    # by the clearest layer: no path is absorbed less
     water = link.water
     a = water.a if water.layers is None else min(row[1] for row in water.layers)
     depth = min(-item.center[2] for _, item in link.items() if item.center[2] < 0.0)
@@ -58,12 +58,11 @@ def scattered_gains(
     threads : int
         Threads; results do not depend on them.
     record : bool
-        Keep every row of light.
+        Whether every arrival is recorded.
     """
-    # a photon lighter than half of the heaviest that can arrive costs as much as that one, and
-    # brings less
+    # photons of less than half of the largest weight that can arrive cost as much, but bring less
     options = Analog(roulette=_ROULETTE * largest_weight(link, float(mesh.bounds[0, 2])))
-    # light without a scattering is known from the facets, without noise
+    # unscattered light is left out: the facets give it without noise
     sums = run_analog(
         link, EmbreeIntersector(mesh, threads), options, photons=photons, seed=seed,
         normals=normals, threads=threads, unscattered=False, record=[Arrivals()],

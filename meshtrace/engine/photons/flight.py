@@ -3,12 +3,13 @@
 `follow` takes photons one after another through flights in the water, crossings of the surface and
 flights in the air until they end. The facet ahead is found on the grid of the mesh where
 `grid_facet` knows it, else by a ray. At the surface light is refracted and reflected; what leaves
-for good is scored at once. Records and steps that joined photons have in common come first.
+for good is scored at once. Records and steps that joined photons share come first. The slab is the
+layer between the lowest trough and the highest crest.
 
 Names of these kernels: q is the photon under way, a record that is changed in place; p a point, d a
 unit direction; g the normal of a facet and n that which refracts light, both up; u, v uniform
-numbers in [0, 1). The z axis points up from still water; lengths are in the unit of the frame of
-the link, 1 m but for very small and large ones.
+numbers in (0, 1). The z axis points up from still water; lengths are in the unit of the frame of
+the link, given as [m] here: 1 m but for very small and large links.
 """
 
 from __future__ import annotations
@@ -39,13 +40,13 @@ UNDER_WAY = [
     ("dy", float),
     ("dz", float),
     ("weight", float),
-    ("free", float),  # way to the next collision [m]
-    ("water", float),  # path in the water [m]
+    ("free", float),  # path to the next collision [m], inf without one
+    ("water", float),  # path in the water so far [m]
     ("id", np.int64),
     ("event", np.int64),  # number of the event under way: with the id it selects random numbers
     ("tint", float, (TINTS,)),  # see `meshtrace.kernels.tints`
 ]
-"""What is known of every photon."""
+"""Fields that analog and joined photons share."""
 
 PHOTON = record_type(
     [
@@ -89,7 +90,7 @@ GOES_ON = -1  # else a function returns the fate that ends the photon
 class Limits(NamedTuple):
     """Conditions that end a photon."""
 
-    weight: float  # Russian roulette below
+    weight: float  # below it Russian roulette is played
     survival: float  # 0: survive with weight / limit; else with this probability
     events: int  # collisions, crossings and reflections, at most
     surface_events: int  # crossings, at most
@@ -170,7 +171,7 @@ def write_vertex(recorder, photon, p, weight, what):
 
 @inlined
 def set_weight(q, weight, fate, world):
-    """Change the weight of a photon and deposit the difference."""
+    """Change the weight of a photon and add the loss to the ledger of a fate."""
     deposit(world.tallies, fate, q.weight - weight)
     q.weight = weight
 
@@ -180,7 +181,7 @@ def roulette(q, u_survival, world):
     """Play Russian roulette with a low-weight photon; a negative `u_survival` is drawn anew."""
     if q.weight >= world.limits.weight:  # most photons
         return GOES_ON
-    # Unbiased for any p: survivors carry weight / p.
+    # Unbiased for any chance p of survival: survivors carry weight / p.
     p = world.limits.survival if world.limits.survival > 0.0 else q.weight / world.limits.weight
     if u_survival < 0.0:
         u_survival, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.ROULETTE.value)
@@ -219,7 +220,7 @@ def facet_ahead(q, in_water, retry, world):
         t = (world.surface.low[2] - p.z) / d.z
     elif not in_water and d.z < 0.0:
         t = (world.surface.high[2] - p.z) / d.z
-    # A short way before the slab, and near to it: Embree has single precision.
+    # Start near the slab, and a little before it: Embree has single precision.
     t = max(t - 1e-3 * (1.0 + t), 0.0)
     # aside by unequal steps, so that a ray along an edge leaves it, and off the surface
     nudge = _NUDGE * retry
@@ -233,7 +234,7 @@ def bending_normal(q, facet, world):
 
     Array twin: `roughened`.
     """
-    # light is refracted by the interpolated normal; what it cuts off is told by the facet's own
+    # light is refracted by the interpolated normal; the facet's own decides what it blocks
     g = row(world.surface.face_normals, facet)
     n = interface.normal_on(place(q), facet, world.surface)
     if interface.takes_slopes(g, world.surface.roughness):
@@ -247,6 +248,7 @@ _OFFSET = 1e-5  # [m], distance of a ray's start from the facet that it leaves
 
 @inlined
 def _is_scored(q, world):
+    """Return whether light of a photon is scored: unscattered light may be left to the facets."""
     return world.limits.unscattered or q.turned > 0 or q.crossings > 1
 
 
@@ -255,7 +257,7 @@ def to_sky(q, d, weight, world):
     """Score light that leaves the surface for good and deposit its weight."""
     # a ray without end: nothing is in its way any more
     flight = Segment(place(q), d, math.inf, weight, q.water, q.air)
-    # of a photon that runs backwards from a receiver: what the sky sends along its way
+    # a photon that runs backwards from a receiver collects the radiance of the sky along its path
     if sources.is_backward(world.back) and (q.water > 0.0 or not world.back.after_water):
         scored_radiance = weight * sources.radiance(world.back.sky, d)
         world.tallies.score[q.id - world.first, sources.SKY_SCORE] += scored_radiance
@@ -310,7 +312,7 @@ def cross(q, world):
     w_air, w_water = q.weight * (1.0 - rho), q.weight * rho
     if not in_water:
         w_air, w_water = w_water, w_air
-    free = not world.interface.follow_second_hit or (  # of the surface
+    free = not world.interface.follow_second_hit or (  # air part meets no wave again
         air.z > 0.0 and (q.z >= world.surface.high[2] or steeper_than_waves(air, world.surface))
     )
     # Both parts of the light can be followed only if one of them ends at once; else roulette by
@@ -319,7 +321,7 @@ def cross(q, world):
         u, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE.value)
         if u * (w_air + w_water) < w_air:
             if world.interface.fresnel == interface.FresnelMode.PAPER_BOTH:
-                # E4: roulette and weight, twice the loss
+                # E4 of docs/paper.md: roulette and weight, twice the loss
                 set_weight(q, w_air, Fate.REFLECTED.value, world)
             w_air, w_water = q.weight, 0.0
         else:
@@ -332,7 +334,7 @@ def cross(q, world):
             q.weight = w_air
             return _leave(q, air, g, world)
         to_sky(q, air, w_air, world)
-    if w_water == 0.0:
+    if w_water == 0.0:  # nothing is left; `outcome` tells whether it was received
         return Fate.LANDED.value
     if in_water and not world.interface.follow_reflected:
         return Fate.REFLECTED.value
@@ -394,7 +396,7 @@ def fly_water(q, length, world):
 @inlined
 def lowest(world):
     """Return a height below every plane, map and aperture in the water."""
-    # below it a photon that sinks can score nothing more
+    # below it a photon that sinks can score nothing more; 1 m of margin
     low = min(world.surface.low[2], world.tallies.grid.z)
     for h in world.tallies.planes:
         low = min(low, h)
@@ -434,7 +436,9 @@ def _meet_sun(q, world):
         world.tallies.score[q.id - world.first, score] += scattered[i]
         if is_tinted(world.tints) and scattered[i] > 0.0:
             n = tally.keep_arrival(world.tallies, q.id, score, scattered[i], world.tints, q.tint)
-            if n >= 0:  # where and by which angle, for the factors of the last scattering
+            # height and angle of the last scattering, for its factors at other wavelengths, are
+            # stored in the fields of the paths
+            if n >= 0:
                 a, cosine = world.tallies.arrivals[n], dot(heading(q), world.back.sun)
                 a.air, a.water = q.z, math.acos(min(max(cosine, -1.0), 1.0))
 
@@ -466,7 +470,7 @@ def bounce(q, world):
     """Apply the reflection or absorption at the bottom; not inlined: rarely used."""
     fly_water(q, (world.medium.bottom_z - q.z) / q.dz, world)
     q.z = world.medium.bottom_z
-    # a weight for the albedo, no roulette: a bright bottom sends most photons back
+    # weighted by the albedo, no roulette: a bright bottom sends most photons back
     remaining = q.weight * world.medium.bottom_albedo
     if remaining == 0.0:
         return Fate.BOTTOM.value
@@ -479,7 +483,7 @@ def bounce(q, world):
     return _continue(q, u_path, world)
 
 
-_RETRIES = 3  # of a ray that missed
+_RETRIES = 3  # times that a ray which missed is cast again
 
 
 @inlined
@@ -514,39 +518,39 @@ def _needs_ray(q, world):
         return True
     # collisions in deep water need no search for a facet
     low = world.surface.low[2]
-    z1 = q.z + q.free * q.dz if q.dz != 0.0 else q.z
+    z_end = q.z + q.free * q.dz if q.dz != 0.0 else q.z
     # below the waves: only a path that starts among them, and not steep, may meet one
-    if z1 < low:
+    if z_end < low:
         return q.z >= low and not steeper_than_waves(heading(q), world.surface)
     return True
 
 
 @outlined
-def _settle_miss(q, seen, world):
+def _settle_miss(q, from_behind, world):
     """Return (fate, distance) for a ray that hit no facet from its own side.
 
     The photon advances by the distance, and by none if its ray is cast again; LANDED means
     that it left for the sky. A miss is right where the path ends inside the slab, leaves it
-    downwards or lies outside the mesh. `seen`: a facet was met from behind, since the ray
-    started on the wrong side.
+    downwards or lies outside the mesh. `from_behind`: a facet was met from its wrong side, where
+    rounding put the start of the ray.
     """
     # t: where the path leaves the slab between the lowest trough and the highest crest
     t = math.inf
     low, high = world.surface.low[2], world.surface.high[2]
-    if not seen and q.in_water == 0 and q.dz > 0.0:
+    if not from_behind and q.in_water == 0 and q.dz > 0.0:
         return Fate.LANDED.value, 0.0
     if q.in_water == 0:
         if q.dz < 0.0:
             t = (low - q.z) / q.dz
     # downwards out of the slab: no facet was to be met
-    elif not seen and q.dz < 0.0 and q.z + q.free * q.dz < low:
-        return GOES_ON, (low - q.z) / q.dz + 1e-9
-    elif not seen and q.free < math.inf and q.z + q.free * q.dz <= high:
+    elif not from_behind and q.dz < 0.0 and q.z + q.free * q.dz < low:
+        return GOES_ON, (low - q.z) / q.dz + 1e-9  # just below the slab
+    elif not from_behind and q.free < math.inf and q.z + q.free * q.dz <= high:
         if _inside(q, q.free, world.surface):
             return GOES_ON, q.free
     elif q.dz > 0.0:
         t = (high - q.z) / q.dz
-    if not seen and not (t < math.inf and _inside(q, t, world.surface)):
+    if not from_behind and not (t < math.inf and _inside(q, t, world.surface)):
         return Fate.LEFT_DOMAIN.value, 0.0
     # single precision may slip through an edge: cast again from a point aside
     if q.retry < _RETRIES:
@@ -563,9 +567,9 @@ def _settle(q, world):
     facet = q.facet
     t = math.inf
     if facet >= 0:
-        n = row(world.surface.face_normals, facet)
+        g = row(world.surface.face_normals, facet)
         # single precision may find the facet that the ray leaves, or its neighbour, from behind
-        if (dot(heading(q), n) > 0.0) == (q.in_water == 1):
+        if (dot(heading(q), g) > 0.0) == (q.in_water == 1):
             t = max(interface.plane_distance(place(q), heading(q), facet, world.surface), 0.0)
     if math.isinf(t):
         # no facet ahead: to the sky, out of the slab, or lost
@@ -605,8 +609,8 @@ def _move(q, world):
             return GOES_ON
         if q.dz < 0.0 and q.z + q.free * q.dz < world.medium.bottom_z:
             fate = bounce(q, world)
-        elif math.isinf(q.free):  # descends without end: with no bottom only absorption is left
-            # far enough to pass all planes; then only its end is left
+        elif math.isinf(q.free):
+            # descends without collision or bottom: past all planes, then only its end is left
             low = lowest(world)
             if q.z > low and q.dz < 0.0:
                 fly_water(q, (low - q.z) / q.dz, world)
@@ -624,8 +628,7 @@ def follow(first, last, world):
 
     Array twin: the plain tracer of `tests/benchmarks`.
     """
-    # Analog Monte Carlo with absorption by weight (Prahl et al. 1989); roulette below a
-    # weight.
+    # Monte Carlo with absorption by weight (Prahl et al. 1989), roulette below `Limits.weight`
     q = world.photon[0]
     for photon in range(first, last):
         _start(q, photon, world)

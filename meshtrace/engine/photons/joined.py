@@ -1,9 +1,9 @@
 """Joined photons: followed forwards from the source, and joined to every receiver.
 
-Photons are those of the analog estimator; what they bring to a receiver is not counted where they
-hit it, but expected at every collision and crossing (`photons.next_event`). Light that the
-surface reflects first is that of the photons that go on after a reflection. For light that goes
-down photons run backwards, from a receiver in the water to the lamps.
+Photons move as those of the analog estimator; but they score the expected value of what they bring
+to each receiver, at every collision and crossing (`photons.next_event`), not where they hit it.
+Light that the surface reflects first comes from photons that go on after a reflection. For light
+that goes down photons run backwards, from a receiver in the water to the lamps.
 """
 
 from __future__ import annotations
@@ -49,27 +49,29 @@ from meshtrace.results.tallies import ArrivalTally
 from meshtrace.stored import SHIFTS
 
 _ORDERS = 40  # separate numbers of scatterings; the last holds all beyond
-_LEAST_SLOPED = 0.1  # share of an aperture's points by slopes that is worth its time
-_COPIES = 256  # of one photon that wait at a time
-_FREQUENT = 0.7  # collisions on the way up, at least
-_TURBID = 1.0  # b (1 - g) depth beyond which light is diffuse
-_SPREAD = 1.3  # width of the law of crossings, over that of the slopes
-_DECAY = 0.8  # of the chance of a connection, over c, with random slopes or in turbid water
-_START = 0.8  # factor on the next shares for the directions in which photons leave a source
-# share of directions drawn about the targets, over still water and over random slopes
+_LEAST_SLOPED = 0.1  # tuned: least share of aperture points drawn by slopes that pays its time
+_COPIES = 256  # room for copies of one photon that wait at a time
+_FREQUENT = 0.7  # tuned: least mean number of drawn collisions on the way up
+_TURBID = 1.0  # b (1 - g) depth beyond which diffusion theory is the importance
+_SPREAD = 1.3  # tuned: width of the law of crossings, over that of the slopes
+# tuned: decay of the chance of a connection with depth, over c; random slopes or turbid water
+_DECAY = 0.8
+_START = 0.8  # factor on `_LOBE` and `_CONE` for the directions in which photons leave a source
+# tuned: expected directions per collision about the targets, over still water, over random slopes
 _LOBE, _ROUGH_LOBE = 0.5, 0.3
-_CONE = 0.5  # directions drawn over what the targets see
-# weight times importance, over that of the start, from which photons are split: in turbid water, in
-# clear water, and where beams hit their targets
+_CONE = 0.5  # tuned: those uniform over the cones to what the targets see
+# tuned: weight times importance, over that of the start, above which photons are split: in turbid
+# water, in clear water, and where beams hit their targets
 _HIGHEST, _CLEAR_HIGHEST, _AIMED_HIGHEST = 2.0, 1.5, 2.0
-_BENT = 0.3  # fall of the importance with the bend of light over random slopes
-_BOUNDARY = 3.4  # extrapolated boundary over the diffusion coefficient, n = 1.34
+_BENT = 0.3  # tuned: fall of the importance with the bend of light over random slopes
+# extrapolated boundary over the diffusion coefficient; 2 would be one without internal reflection
+_BOUNDARY = 3.4
 _GUIDES = 64  # targets at most to which directions are guided: their densities are sums over all
-_TOGETHER = 16  # targets to which the rows of a block of photons are few enough for the cache
+_TOGETHER = 16  # targets up to which the arrivals of a whole block of photons fit the cache
 _ROOM = 32  # arrivals of a photon at each target, else a block is followed again
-_EVENTS = 10_000_000  # of a photon and its copies
+_EVENTS = 10_000_000  # most events of a photon and its copies
 _OPAQUE = 1e4  # largest optical depth: diffuse photons collide up to its square times (1 - g)
-# forms of physics that joined photons follow
+# options of the physics that joined photons need
 _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
 
 
@@ -89,8 +91,8 @@ class JoinedPhotons:
     threads : int
         Threads; results do not depend on them.
     first : int or sequence of int
-        1, or 2 for light alone that the surface or the bottom reflects first; of all receivers or
-        of each.
+        1 scores all light, 2 only light that the surface or the bottom has reflected before; for
+        all receivers or for each.
     direct : bool
         Score unscattered light, too; only with random slopes.
 
@@ -126,7 +128,7 @@ class JoinedPhotons:
         for path, item in link.items():
             if isinstance(item, AirLamp) and item.size > 0.0:
                 raise Refused(path, Described(f"a radius of {item.size:g} m"), ends.POINTS_ONLY)
-        # the steps of delta tracking must not be tiny beside the depth
+        # delta tracking draws collisions at the largest rate of the water: too many in tiny steps
         medium = ends.expected_water(link, crest=0.0)
         rate = medium.b_max if medium.absorption == Absorption.CONTINUOUS else medium.c_max
         most = rate * max(-item.center[2] for _, item in link.items())
@@ -139,7 +141,7 @@ class JoinedPhotons:
         self._direct = direct
 
     def evaluate(self, mesh: TriangleMesh, record: bool = False) -> Gains:
-        """Return the gain over a mesh, on demand with every row of its light.
+        """Return the gain over a mesh, with every arrival if `record`.
 
         Raises
         ------
@@ -155,7 +157,7 @@ class JoinedPhotons:
         """Return the gain of each link over a mesh, at the wavelengths of a tinting.
 
         Photons are those of the bases of the tinting in turn, refracted by the index of this link.
-        Below bubbles that differ in number each wavelength has its own photons.
+        Bubbles that differ between the wavelengths need separate photons for each.
         """
         if len(links) == 1 or tinting.follows:
             tinting = UNTINTED if len(links) == 1 else tinting
@@ -181,7 +183,7 @@ class JoinedPhotons:
     ) -> list[Gains]:
         ends.require_height_field(mesh)
         frame, bases = arrays.frame_of(self.link), [self]
-        # every base has photons of its own, by the scattering of its water
+        # every base follows separate photons, by the scattering of its water
         if tinting.bases:
             bases = [self._in_water_of(links[i]) for i in tinting.bases]
         intersector = EmbreeIntersector(frame.mesh(mesh), 1)
@@ -191,7 +193,7 @@ class JoinedPhotons:
             worlds = list[JoinedWorld]()
             for base in bases:
                 worlds.append(base._world(frame, intersector, run))
-            # targets of a backward run are lamps, all of whose light is that of one receiver
+            # targets of a backward run are lamps, whose scores all add to its one receiver
             receivers = run.receivers if run.start is None else run.receivers * len(run.targets)
             for sums, arrivals, weights in self._follow(worlds, intersector, tinting, record):
                 gains.add(sums, receivers)
@@ -209,7 +211,7 @@ class JoinedPhotons:
         """Return the runs: one to all receivers in the air, or one from each in the water."""
         link = self.link
         if link.direction == "up":
-            # sorted, so that results do not depend on the order of the receivers
+            # sorted, so that sums do not depend on the order in which receivers are listed
             order = sorted(range(len(link.receivers)), key=lambda i: repr(link.receivers[i]))
             targets = [ends.target_of(link.receivers[i], frame) for i in order]
             first = [self._first[i] for i in order]
@@ -222,6 +224,7 @@ class JoinedPhotons:
         runs = []
         for i, end in enumerate(link.receivers):
             start, first = ends.emitter_of(end, frame), [self._first[i]] * len(lamps)
+            # what the view of the receiver collects, times the share of each lamp in the power
             runs.append(_Run(start, [i], lamps, start.power * power / power.sum(), first))
         return runs
 
@@ -266,18 +269,18 @@ class JoinedPhotons:
         # densities at any angle, beside the quantiles of `Medium` by which angles are drawn
         water = arrays.angle_table(link.water.phase)
         bubble = arrays.angle_table(link.bubbles.phase_function()) if link.bubbles else water
-        # mean square of one component of the random slopes
+        # mean square of one component of the random slopes; `roughness` has standard deviations
         rough = 0.5 * (surface.roughness.along**2 + surface.roughness.across**2)
         depth = max(-item.center[2] for _, item in link.items()) / frame.unit
         a, b = (frame.unit * x for x in arrays.mean_water(link.water, frame.unit * depth))
         # transport coefficient b (1 - g): by it light forgets its direction
         turned = b * (1.0 - link.water.phase.mean_cosine)
         # clear water has few collisions, at which photons are joined: more are drawn, and weighted.
-        # Where collisions absorb their number is given
+        # Where collisions absorb, their rate is that of light
         often = 1.0
         if link.physics.absorption == "continuous" and link.physics.free_path != "local_c":
             often = max(1.0, _FREQUENT / (b * depth)) if b > 0.0 else 1.0
-        # view attenuated by a + b (1 - g), what scattering forwards leaves of the beam
+        # attenuated by a + b (1 - g): light that is scattered forwards stays in the view
         window = Window(
             diffuse=False, kappa=a + turned, length=0.0, beyond=0.0, highest=_CLEAR_HIGHEST,
             bent=0.0,
@@ -293,9 +296,9 @@ class JoinedPhotons:
         # crossings are drawn somewhat wider than slopes of waves and random ones carry them
         spread = _SPREAD * math.sqrt(rough + arrays.mean_square_slope(surface))
         if rough > 0.0 and not window.diffuse and self._is_aimed(sources, run.targets, spread):
-            # beams onto targets: a collision turns light away from what slopes can bend to them
-            share_kept = _kept_importance(water, link.water.n / link.n_air, spread)
-            kappa = a + b * (1.0 - share_kept)
+            # beams onto targets: a collision turns light out of the range that slopes can bend back
+            mean_share = _remaining_importance(water, link.water.n / link.n_air, spread)
+            kappa = a + b * (1.0 - mean_share)
             window = window._replace(kappa=kappa, highest=_AIMED_HIGHEST, bent=_BENT)
         records = np.zeros(len(run.targets), TARGET)
         # area over which slopes spread light, per squared height: 2 pi sigma_a sigma_c (n - 1)^2
@@ -303,7 +306,7 @@ class JoinedPhotons:
         blur *= (link.water.n / link.n_air - 1.0) ** 2
         records["first"] = run.first
         for row, target, part in zip(records, run.targets, run.share, strict=True):
-            _fill(row, target, part, 1.0 / max(a + b, 1e-300))
+            _fill(row, target, part, 1.0 / max(a + b, 1e-300))  # no division by 0 in clear water
             if not target.is_lamp and rough > 0.0:
                 # the wider an aperture against the blur by slopes, the more of its points slopes
                 # draw
@@ -335,10 +338,10 @@ class JoinedPhotons:
         ):
             if kind not in beams or n * wide > 2.0 * (n - n_air) * spread or axis[2] <= 0.0:
                 return False
-            # from where the axis meets still water
+            # from the point where the axis meets still water
             way = np.array([t.center for t in targets]) - (p - axis * (p[2] / axis[2]))
-            big = n * axis - n_air * way / np.linalg.norm(way, axis=1)[:, None]
-            if not (np.hypot(big[:, 0], big[:, 1]) < 2.0 * spread * big[:, 2]).any():
+            normal = n * axis - n_air * way / np.linalg.norm(way, axis=1)[:, None]
+            if not (np.hypot(normal[:, 0], normal[:, 1]) < 2.0 * spread * normal[:, 2]).any():
                 return False
         return True
 
@@ -349,11 +352,10 @@ class JoinedPhotons:
         tinting: Tinting,
         record: bool,
     ) -> Iterator[tuple[Gains, NDArray[np.void], Floats]]:
-        """Yield the sums over the photons of the parts of a run, by target.
+        """Yield (sums by target, arrivals, weights) of consecutive photons of a run.
 
-        With their rows and the weights of these at each wavelength, (wavelengths, rows), if they
-        are to be recorded. Blocks of photons belong to the worlds of the bases in turn; parts of
-        them are as small as many targets ask for.
+        Weights are (wavelengths, arrivals); both are empty unless they are recorded. Blocks of
+        `BLOCK` photons belong to the bases in turn; they are split further for many targets.
         """
         n = len(worlds[0].joins.target)
         # whole groups of photons, so that a part has about the rows of a block to a few targets
@@ -363,7 +365,7 @@ class JoinedPhotons:
             for start in range(0, self.photons, BLOCK)
             for i in range(start, min(start + BLOCK, self.photons), step)
         ]
-        # photons of each base, for the balance heuristic
+        # numbers of photons by base, for the balance heuristic
         numbers = np.zeros(len(worlds))
         for first, last in spans:
             numbers[first // BLOCK % len(worlds)] += last - first
@@ -408,7 +410,7 @@ class _Run(NamedTuple):
     receivers: list[int]  # that the photons serve: the targets, or the start
     targets: list[Target]
     share: Floats  # factors on the scores of the targets
-    first: list[int]  # crossing from which on each is scored
+    first: list[int]  # by target, number of the crossing from which on light is scored
 
 
 def _with_buffers(manifold: Manifold | None) -> Manifold | None:
@@ -416,14 +418,15 @@ def _with_buffers(manifold: Manifold | None) -> Manifold | None:
     return manifold and Manifold(manifold.search, *map(np.zeros_like, manifold[1:]))
 
 
-def _kept_importance(phase: AngleTable, n: float, spread: float) -> float:
+def _remaining_importance(phase: AngleTable, n: float, spread: float) -> float:
     """Return the mean share of its importance that light keeps at a collision.
 
-    `spread` is the standard deviation of the slopes, n the relative index of the water.
+    `spread` is the standard deviation of the slopes, n the index of water over that of air.
     """
     theta = 0.5 * (phase.edge[1:] + phase.edge[:-1])
     scattered = 2.0 * math.pi * phase.beta * np.sin(theta) * np.diff(phase.edge)
-    # squared slope over its variance that bends light back by theta: (n - 1) s = n theta
+    # Squared slope over its variance that bends light back after a turn by theta: by Snell's law
+    # for small angles a slope s turns refracted light by (n - 1) s, the collision by n theta.
     bend = (n * theta / ((n - 1.0) * spread)) ** 2
     return float((scattered / (1.0 + _BENT * bend)).sum() / scattered.sum())
 
@@ -434,10 +437,12 @@ def _fill(row: np.void, target: Target, share: float, free_path: float) -> None:
         row[name] = value
     row["share"] = share
     # the part of still water that it sees: where its axis leads, as wide as its cone and aperture
+    # its axis downwards: that of a lamp is along its light, that of a receiver up, as light goes
     axis = np.array(target.lamp.axis) if target.is_lamp else -np.array(target.axis)
-    fall = target.center.z / max(-axis[2], 0.1)
+    fall = target.center.z / max(-axis[2], 0.1)  # [m] along the axis, bounded for grazing views
     row["seen"][:2] = np.array(target.center)[:2] + fall * axis[:2]
     half = math.acos(target.cos_half_fov)
+    # 1.4 rad: the tangent of wider views is bounded by their reach
     wide = min(fall * math.tan(min(half, 1.4)), target.reach) + target.radius
-    # light of the last collision below comes from somewhat farther
+    # tuned: the last collision, a part of a free path below, may lie somewhat farther out
     row["seen"][2] = wide + 0.3 * free_path

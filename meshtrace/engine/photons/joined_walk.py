@@ -1,11 +1,13 @@
 """The walk of joined photons: through the water, and back from the surface and the bottom.
 
-Photons are those of `photons.flight` without the light that leaves the water: that is
-expected by `photons.next_event` at each crossing and collision. A weight window plays Russian
-roulette with photons of small weight times importance and splits those of a large one [1]_.
-Behind collisions copies take directions about the ways to the targets; all directions that are
-drawn count by the balance heuristic. In clear water collisions are `Joins.often` times as frequent
-as those of light, and count by the inverse. Names are those of `photons.flight`.
+Photons are those of `photons.flight` without the light that leaves the water: at each crossing and
+collision `photons.next_event` scores the expected value of that light instead. A weight window
+plays Russian roulette with photons of small weight times importance and splits those of a large
+one [1]_. After collisions extra copies take directions towards the targets; all directions that
+are drawn are weighted by the balance heuristic. In clear water collisions are `Joins.often` times
+as frequent as those of light, and count by the inverse. Names are those of `photons.flight`; the
+way to a target is the direction that reaches it through still water, and s = sin^2(theta / 2)
+stands for a scattering angle theta.
 
 References
 ----------
@@ -30,14 +32,17 @@ from meshtrace.kernels.sources import SourceKind, lambert_reflection, launch
 from meshtrace.kernels.tints import is_tinted, reset_tint, tint_way
 from meshtrace.kernels.vectors import TWO_PI, Vec2, along, dot, row, turn
 
-_LOWEST = 0.3  # weight times importance, over that of the start, below which roulette is played
-_LEAST_CHANCE = 0.1  # of survival: no photon becomes more than tenfold heavier at once
+_LOWEST = 0.3  # tuned: weight times importance, over that of the start, of roulette below it
+_LEAST_CHANCE = 0.1  # least chance of survival: no photon becomes more than tenfold heavier at once
 _MOST_COPIES = 10  # of one splitting: a burst of copies shares the errors of its stem
 
 
 @inlined
 def _emitted(cos_theta, kind, spread):
-    """Return the density of directions of a wide source [sr-1]."""
+    """Return the density of directions of a wide source [sr-1].
+
+    `spread` is the Lambertian order of an LED, the half-angle of an aperture [rad].
+    """
     if kind == SourceKind.ISOTROPIC:
         return 0.25 / math.pi
     if cos_theta <= 0.0:
@@ -54,11 +59,13 @@ def guide_start(d, p, source, photon, uv, world):
     """Return (direction, weight) of a new photon, possibly guided to the view of a target.
 
     Array twin: photons with `Joins.start` = 0.
-    Mixture of the lamp's own light with the phase function about the ways to the targets, by which
-    the first collision would turn it on, and with directions even over the cones, where its own
-    light may be too little to be drawn.
+    d is drawn from the pattern of the source; p is the position, `uv` the two uniforms of the point
+    of the apertures that is aimed at. The mixture has three parts: the pattern, the phase function
+    about the ways to the targets, as after a first collision, and directions uniform over the cones
+    to what the targets see, for which the pattern may draw too few.
     """
     joins, sources = world.joins, world.sources
+    # chances of the two guided parts of the mixture, each shared equally by the n guides
     lobe, cone, n = joins.start * joins.lobe, joins.start * joins.cone, len(joins.guide)
     kind = sources.kind[source]
     # Beams have their own direction: others would carry none of their light.
@@ -73,7 +80,7 @@ def guide_start(d, p, source, photon, uv, world):
         d = turn(way, medium.sample_s(world.medium.phase_water, u), v)
     elif u_guide < lobe + cone:
         axis, edge = targets.cone_to(min(int((u_guide - lobe) / cone * n), n - 1), p, world)
-        d = turn(axis, u * edge, v)
+        d = turn(axis, u * edge, v)  # s even in [0, edge) is even in solid angle
     lamp_density = _emitted(dot(d, row(sources.axis, source)), kind, sources.spread[source])
     # outside the pattern of the lamp: drawn in vain, with weight 0
     if lamp_density == 0.0:
@@ -93,9 +100,11 @@ def redirect(q, s, u_phi, world):
     """Turn a scattered photon by an angle, or to the direction for which a copy has waited.
 
     Array twin: photons without `Joins.lobe` and `Joins.cone`.
-    Copies take directions about the ways to the targets, else the connections of photons that
-    head almost for a target are too heavy for their number, and directions even over the cones to
-    what the targets see. Photon and copies count by the densities of all that is drawn.
+    s = sin^2(theta / 2) is of the drawn scattering angle, `u_phi` its azimuth over 2 pi. A copy
+    waits on the stack with the law and guide by which its own direction is drawn when it resumes:
+    about the way to a target, else few photons that head almost for it would carry heavy scores, or
+    uniform over the cone to what a target sees. Photon and copies are weighted by phase function
+    over the expected density of all directions drawn.
     """
     start, before, law = place(q), heading(q), q.law
     lobe, cone = targets.guided_directions(q, world)
@@ -113,6 +122,7 @@ def redirect(q, s, u_phi, world):
         d = turn(before, s, u_phi)
     q.law = Law.PHASE.value
     phase = targets.mixed_phase(before, d, start, world)
+    # the angle is needed at other wavelengths alone
     theta = targets.angle_between(before, d) if is_tinted(world.tints) else 0.0
     targets.tint_mixed(q.tint, theta, u_kind, start, world)
     q.density = phase
@@ -153,9 +163,9 @@ def importance(p, joins):
        doi:10.1118/1.596777, eq. 11.
     """
     window = joins.window
-    depth, total = max(-p.z, 0.0), 1e-12
+    depth, total = max(-p.z, 0.0), 1e-12  # not 0: ratios divide by the importance of the start
     for i in range(len(joins.guide)):
-        seen = joins.guide[i].seen
+        seen = joins.guide[i].seen  # x, y and radius of the disk of still water in view [m]
         dx, dy = p.x - seen[0], p.y - seen[1]
         square = dx * dx + dy * dy
         if window.diffuse:
@@ -168,6 +178,7 @@ def importance(p, joins):
         else:
             square += depth * depth
             wide = seen[2] * seen[2]
+            # attenuated, and falling as 1 / r^2 beyond the radius of the view
             total += math.exp(-window.kappa * math.sqrt(square)) / (1.0 + square / wide)
     return total
 
@@ -188,7 +199,7 @@ def survives(q, p, share, u_survival, world):
     """Play Russian roulette with a photon of low weight times importance; return whether it lives.
 
     Array twin: none.
-    `share` is that of its weight that will be left at p.
+    `share` is the part of its weight that will be left at p; a negative `u_survival` is drawn anew.
     """
     ratio = share * ratio_of(q, p, world.joins)
     if ratio >= _LOWEST:
@@ -212,7 +223,7 @@ def copies_of(q, world):
     ratio = ratio_of(q, place(q), world.joins)
     if ratio <= world.joins.window.highest:
         return 1
-    # room for copies that wait, with half of `SPARE` left for guided ones
+    # at most the room on the stack for waiting copies, half of `SPARE` left for guided ones
     return max(min(int(ratio), _MOST_COPIES, len(world.photon) - targets.SPARE // 2 - q.copies), 1)
 
 
@@ -230,6 +241,7 @@ def _draw_path(q, u, world):
 def _start(q, photon, world):
     """Start a photon at its source."""
     p, d, source, u_path = launch(world.sources, world.seed, photon)
+    # the point of the apertures that all collisions of this photon are joined to
     q.u, q.v, _, _ = uniforms(world.seed, photon, 0, Purpose.JOIN.value)
     d, q.weight = guide_start(d, p, source, photon, Vec2(q.u, q.v), world)
     put(q, p)
@@ -246,8 +258,8 @@ def _start(q, photon, world):
 @outlined
 def _facet_ahead(q, world):
     """Return (facet, distance) of the surface ahead of a photon; facet -1 off the mesh."""
-    # met from above: the start is on the wrong side of it by rounding
     p, d, facet = place(q), heading(q), facet_ahead(q, YES, ZERO, world)
+    # a facet that light in the water meets from above: rounding put the start on its wrong side
     if facet < 0 or dot(d, row(world.surface.face_normals, facet)) <= 0.0:
         return np.int64(-1), math.inf
     return facet, max(interface.plane_distance(p, d, facet, world.surface), 0.0)
@@ -256,17 +268,20 @@ def _facet_ahead(q, world):
 @outlined
 def _look_ahead(q, world, manifold):
     """Join the light of a photon that meets the surface without another collision, by chance."""
-    if manifold is not None:  # an argument: the rest is not compiled
+    # smooth waves; a separate argument, so that numba leaves the rest out by its type
+    if manifold is not None:
         return
     joins = world.joins
-    # Without random slopes no chance leads through a crossing: collisions alone are joined.
+    # Without random slopes a given direction never hits a given point of an aperture: collisions
+    # alone are joined. The crossing ahead is number `returns` + 1, scored from `first` on.
     if not interface.is_rough(world.surface.roughness) or q.returns + 1 < joins.first:
         return
     # for the weight window, whether or not a connection follows
     q.bend = targets.bend_ahead(place(q), heading(q), q.level, world)
-    # unscattered light is that of the facets, unless it is wanted of photons
+    # unscattered light is evaluated over the facets, unless `direct` asks for it here
     if q.order == 0 and q.reflections == 0 and not joins.direct:
         return
+    # heads down from below the waves: meets no facet
     if q.dz <= 0.0 and q.z < world.surface.low[2]:
         return
     chance = targets.chance_ahead(place(q), heading(q), q.level, q.bend, joins)
@@ -286,8 +301,9 @@ def _fly(q, length, world):
     tint_way(world.tints, q.tint, start.z, q.z, length)
     if world.medium.absorption == medium.Absorption.CONTINUOUS:
         tau = medium.absorption_path(world.medium, start.z, q.z, length)
-        # Collisions are drawn `often` times too frequently: exp(+(often - 1) tau) corrects the
-        # survival of the way, 1 / often each collision.
+        # tau so far is that of absorption. Collisions are drawn `often` times too frequently: the
+        # factor exp(+(often - 1) tau_b), tau_b the optical depth of scattering, corrects the chance
+        # to pass without a collision, 1 / often at each collision that of its density.
         if often > 1.0:
             tau -= (often - 1.0) * medium.scattering_path(world.medium, start, place(q), length)
         q.weight *= math.exp(-tau)
@@ -313,12 +329,12 @@ def _stays(q, world):
         return False
     if not interface.is_rough(world.surface.roughness):
         return True  # `_reflect` plays, by the reflectance itself
-    # of the next event: the last one may have played, too
+    # random number of the next event, which the reflection is: the last one may have used its own
     _, _, u_survival, _ = uniforms(world.seed, q.id, q.event + 1, Purpose.INTERFACE.value)
     q.bend = 0.0
     way = max(q.level - q.z, 0.0) / q.dz if q.dz > 0.0 else 0.0
     # A bound on the weight that reflection can leave: roulette before the facet is searched.
-    share = _most_reflected(q, world)
+    share = _most_reflected(q, world)  # upper bound of the reflectance on likely slopes
     if world.medium.absorption == medium.Absorption.CONTINUOUS:
         share *= math.exp(-medium.absorption_path(world.medium, q.z, q.z + way * q.dz, way))
     return survives(q, along(place(q), heading(q), way), share, u_survival, world)
@@ -351,7 +367,8 @@ def _reflect(q, facet, world):
 def _is_worth(q, is_turned, world):
     """Play the roulette of an event; return whether the photon lives.
 
-    Where directions count, when it is turned, else before: guided copies are light on purpose.
+    Where the importance depends on the direction (`Window.bent`), it is played after the turn, else
+    before: guided copies have small weights by design, and roulette would end them.
     """
     if (world.joins.window.bent > 0.0) != is_turned:
         return True
@@ -374,7 +391,7 @@ def _bounce(q, world):
         return False
     u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM.value)
     head(q, lambert_reflection(u_cos, u_phi))
-    if q.density > 0.0:
+    if q.density > 0.0:  # the bottom was joined: density of Lambert's law for its direction
         q.density = q.dz / math.pi
     _draw_path(q, u_path, world)
     _look_ahead(q, world, world.manifold)
@@ -392,7 +409,8 @@ def _scatter(q, world):
     if s >= 0.0:
         q.weight /= world.joins.often
         if q.order == 0:
-            q.importance /= world.joins.often  # no roulette for it
+            # ratio to the start unchanged: no roulette for the factor 1 / often
+            q.importance /= world.joins.often
         join_collision(q, NO, world)
         if not _is_worth(q, NO, world):
             return False
@@ -405,7 +423,8 @@ def _scatter(q, world):
         _look_ahead(q, world, world.manifold)
         if not _is_worth(q, YES, world):
             return False
-    elif not survives(q, place(q), 1.0, -1.0, world):  # null collisions in the clear are many
+    # a null collision of delta tracking: many in clear water below bubbles, so roulette here too
+    elif not survives(q, place(q), 1.0, -1.0, world):
         return False
     _draw_path(q, u_path, world)
     return True
@@ -423,6 +442,7 @@ def _resume(q, world):
     q.event, q.copies = event + 1, copies - 1
     u_kind, u_theta, u_phi, u_path = uniforms(world.seed, q.id, q.event, Purpose.COLLISION.value)
     b, bubbles = medium.scattering_coefficients(world.medium, place(q))
+    # water or bubble as in `medium.collide`, given that it scatters
     phase = world.medium.phase_water
     if u_kind * (b + bubbles) >= b:
         phase = world.medium.phase_bubble
@@ -441,10 +461,11 @@ def _walk(q, world):
         # facets are searched only where the path rises into the slab of the waves, or starts in it
         t, facet = q.free, np.int64(-1)
         if q.z + t * q.dz > low or (q.z >= low and q.dz > -1.0):
-            # beyond the highest crest: it meets the surface on any sea
+            # the path ends beyond the highest crest: it meets the surface on any sea, so that
+            # roulette can come before the search for the facet, which costs most
             surely = q.z + t * q.dz > high
             if surely and not _stays(q, world):
-                return  # before the search for the facet
+                return
             facet, distance = _facet_ahead(q, world)
             if facet >= 0 and distance < t:
                 if not surely and not _stays(q, world):

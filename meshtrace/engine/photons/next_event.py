@@ -5,21 +5,23 @@ direction d, and the slope that refracts it to a point x of the aperture is uniq
 
     W exp(-tau) |A| p(s*) |ds*/dx| T E / C,
 
-tau the optical depth up to P, p the density of the random slopes, T the transmittance, E the
-exposure of the facet and C the chance of this connection. At a collision a crossing is drawn about
-that of still water, too; the direction to it and the slope follow. Either way may bring any light;
-both together count once by the balance heuristic [1]_. Joining to an end in the air has no 1 / r^2
-singularity. Without random slopes a collision is joined by all crossings that refract its light to
-x: the one of still water, or those of smooth waves.
+W the weight of the photon, tau the optical depth up to P, |A| the area of the aperture, s* that
+slope and p the density of the random slopes, T the transmittance, E the exposure of the facet and C
+the chance of this connection. At a collision, too, a crossing is drawn about that of still water;
+the direction to it and the slope follow. Both ways can produce the same path, so that the balance
+heuristic weights them [1]_. Joining to an end in the air has no 1 / r^2 singularity. Without random
+slopes a collision is joined by all crossings that refract its light to x: the one of still water,
+or those of smooth waves.
 
-Newton from the crossing of still water finds one crossing of smooth waves [2]_. Others are found
-from a start drawn about it [3]_: a crossing r that is drawn so with the chance p(r) counts
-1 / p(r), the mean number of further draws up to that which finds r again. So all crossings are
-counted, at the cost of one draw more than there are crossings. With faceted normals all facets are
+Newton's iteration from the crossing of still water leads to one crossing of smooth waves [2]_.
+Others follow from a start drawn about it [3]_: a crossing r to which drawn starts lead with the
+chance p(r) counts 1 / p(r), estimated by the number of further draws until r is reached again. So
+the sum over all crossings is unbiased without a list of them. With faceted normals all facets are
 searched, as those of scattering chains (`meshtrace.engine.crossing`).
 
 Names are those of `photons.flight`. Light goes from a start along w to the crossing P (p), and
-along r to the goal, a point of the aperture of target i; `still` is the crossing of still water.
+along r to the goal, a point of the aperture of target i; `still` is the crossing of still water. A
+`Shot` with q = `ORIGIN` and v = `UP` has its last vertex at its start.
 
 References
 ----------
@@ -65,11 +67,11 @@ from meshtrace.kernels.vectors import (
     scaled,
 )
 
-_HAIR = 1e-4  # by which a path is shortened at its ends, over 1 + its length
-_SAME = 3e-4  # [m], distance of two results of Newton for one crossing
-_MOST_TRIALS = 100_000  # a bound on the time: crossings that are rarer count too little
-_CLOSE = 1.0  # depths over the size of the facets up to which each is searched
-_STREAMS = 64  # purposes between those of two trials
+_HAIR = 1e-4  # by which a path is shortened at its ends, over 1 m + its length: Embree is float32
+_SAME = 3e-4  # [m], two results of Newton that differ by less are one crossing
+_MOST_TRIALS = 100_000  # bounds the time; a bias: crossings drawn less often count too little
+_CLOSE = 1.0  # depth over the size of a facet, up to which every facet is searched
+_STREAMS = 64  # step of purposes between trials, > all of `Purpose`: no stream is used twice
 
 
 @outlined
@@ -92,12 +94,13 @@ def _crossings_between(still, shot, q, scene, world, manifold):
     if not surface.interpolate:
         return _on_all_facets(still, shot, scene, manifold)
     widths = targets.widths_of(still, world.joins)
-    step = widths.x + widths.y
+    step = widths.x + widths.y  # [m], scale of the steps of Newton
     converged, x, y, facet = crossing.root_from(still.x, still.y, step, shot, scene)
     n = ZERO
     if converged:
         n = _append(n, x, y, facet, 1.0, shot, manifold)
     converged, rx, ry, facet = _trial(ZERO, still, step, shot, q, scene, world)
+    # the crossing that is written already counts fully: reached again it adds nothing
     if not converged or (n == 1 and _is_same(rx, ry, x, y)):
         return n
     count = _inverse_probability(rx, ry, still, step, shot, q, scene, world)
@@ -116,16 +119,18 @@ def _inverse_probability(x, y, still, step, shot, q, scene, world):
         again, other_x, other_y, _ = _trial(trials, still, step, shot, q, scene, world)
         again = again and _is_same(x, y, other_x, other_y)
         trials += 1
-    return float(trials - 1)
+    return float(trials - 1)  # trial 0 drew the crossing itself, not one of these
 
 
 @inlined
 def _is_same(x, y, other_x, other_y):
+    """Return whether two results are one crossing."""
     return abs(x - other_x) + abs(y - other_y) < _SAME
 
 
 @inlined
 def _append(n, x, y, facet, multiplicity, shot, manifold):
+    """Write crossing n of a shot, counted `multiplicity` times; return the new number."""
     root = manifold.roots[n]
     root.x, root.y, root.facet = x, y, facet
     root.branch, root.multiplicity = shot.branch, multiplicity
@@ -134,14 +139,14 @@ def _append(n, x, y, facet, multiplicity, shot, manifold):
 
 @outlined
 def _trial(k, still, step, shot, q, scene, world):
-    """Return (found, x, y, facet) from a drawn start.
+    """Return (converged, x, y, facet) of Newton's iteration from the drawn start of trial k.
 
     Starts have a Student law of four degrees of freedom: far crossings are not too rare.
     """
     # a stream of random numbers for each trial
     purpose = Purpose.TRIAL.value + _STREAMS * k
     u, v, _, _ = uniforms(world.seed, q.id, q.event, purpose)
-    # Student in the plane, nu = 4: P(r > x) = (1 + x^2 / 4)^-2, inverted
+    # Student in the plane, nu = 4: u = P(r > x) = (1 + x^2 / 4)^-2, inverted
     r = 2.0 * math.sqrt(1.0 / math.sqrt(u) - 1.0)
     start = targets.beside(still, r, v, world.joins)
     return crossing.root_from(start.x, start.y, step, shot, scene)
@@ -185,11 +190,12 @@ def _is_clear(p, d, length, facet, world):
 
 @outlined
 def _through(p, n, g, d, goal, facet, scene, world):
-    """Return (density, share) of light along d through P to a goal, by its random slope.
+    """Return (density, share) of light along d through P to a goal, by the slope that bends it.
 
     The density is that of landing points about the goal [m-2], the share what transmittance,
     exposure of the facet and acceptance of the aperture leave.
     """
+    # emission and arrival directions are both d, and the length before P is not needed: 0
     s = slope_towards(p, n, d, d, 0.0, goal, scene)
     # no slope refracts d to the goal, or the facet is seen from behind
     if s.density <= 0.0 or dot(d, g) <= 0.0:
@@ -203,8 +209,9 @@ def _through(p, n, g, d, goal, facet, scene, world):
 
 @outlined
 def _landing(p, n, d, u, v, scene, world):
-    """Return (found, goal): the landing point of a drawn slope on the aperture."""
+    """Return (lands, goal): whether and where light bent by a drawn slope meets the aperture."""
     tilt = interface.drawn_tilt(world.surface.roughness, u, v)
+    # a start 1 m before P, as only the direction matters
     m = crossing.land(
         p,
         interface.tilted(n, tilt),
@@ -228,16 +235,16 @@ def _point_density(i, by_slopes, world):
 
 @inlined
 def _score(q, i, weight, theta, p, goal, water, world):
-    """Score light of a photon on a point of target i, by a way of `water` to a crossing at P.
+    """Score light of a photon at a point of target i, by a path of `water` [m] up to P.
 
-    `theta` is the angle of a scattering at the start of the way [rad], < 0 without one.
+    `theta` is the angle of a scattering at the start of the path [rad], < 0 without one.
     """
     weight *= world.joins.target[i].share
     part = SCATTERED if q.order > 0 else DIRECT
     if q.reflections > 0:
         part = REFLECTED
     n = keep_arrival(world, q.id, i, weight, world.tints, q.tint)
-    if n >= 0:
+    if n >= 0:  # there is room for it
         a, target = world.arrivals[n], targets.scene_to(world.joins.target[i], world).target
         # from the crossing to the point of the aperture, off its centre
         off = plus(scaled(goal.x, target.e1), scaled(goal.y, target.e2))
@@ -262,7 +269,7 @@ def join_crossing(q, facet, length, chance, world):
     g = row(world.surface.face_normals, facet)
     n = interface.normal_on(p, facet, world.surface)
     u, v, u_target, _ = uniforms(world.seed, q.id, q.event, Purpose.APERTURE.value)
-    # The expected light of a photon that passes the way to the surface without a collision.
+    # Expected weight that reaches the surface without a collision: exp(-tau).
     weight = q.weight * math.exp(-depth_between(world.medium, start, p, length))
     for i in range(len(joins.target)):
         if q.returns + 1 < joins.target[i].first:
@@ -283,8 +290,9 @@ def join_crossing(q, facet, length, chance, world):
             other = targets.collision_chance(still.depth, joins) * targets.crossing_density(
                 p.x, p.y, still, joins
             )
-            # Density of the other connection per landing area: dP = length^2 / cos dOmega on the
-            # facet, seen from above by g_z.
+            # From crossings per horizontal area to directions and aperture points: the facet area
+            # dA = length^2 / (d.g) dOmega has the horizontal area g_z dA, and points are drawn with
+            # 1 / area; over the density of the direction that was drawn.
             other *= length * length * g.z / (dot(d, g) * scene.target.area * q.density)
         score = weight * density * share / (here + other)
         _score(q, i, score, -1.0, p, goal, length, world)
@@ -303,15 +311,16 @@ def join_collision(q, at_bottom, world):
     q.level = level = targets.level_over(start, world)
     if q.returns + 1 < joins.first:
         return
-    # Roulette: connections of deep collisions bring exp(-c depth), and cost as much as others.
+    # By chance: connections of deep collisions bring exp(-c depth), and cost as much as others.
     chance = targets.collision_chance(max(level - start.z, targets.LEAST_DEPTH), joins)
     q.chance, q.at_bottom = chance, 1 if at_bottom else 0
-    q.density = 1.0  # until the direction is known
+    q.density = 1.0  # > 0: may be joined; replaced when the next direction is drawn
     u_connection, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN.value)
     if u_connection >= chance:
         return
     u, v, wide, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
-    # Box and Muller: distance of the crossing from that of still water, in standard deviations
+    # Box and Muller: distance of the crossing from that of still water, in standard deviations; v
+    # is its azimuth, `wide` chooses the component of the mixture
     r = math.sqrt(-2.0 * math.log(u))
     # second component of the law of crossings, see `targets.crossing_density`
     if wide < targets.WIDE_SHARE:
@@ -332,9 +341,9 @@ def join_collision(q, at_bottom, world):
 
 @inlined
 def _scattered(w, q, world):
-    """Return the density of directions [sr-1] behind an event, and the angle if it is needed.
+    """Return the density of directions [sr-1] along w after an event, and the scattering angle.
 
-    The angle [rad] is -1 at the bottom.
+    The angle [rad] is -1 at the bottom, 0 where no other wavelengths need it.
     """
     start, d = place(q), heading(q)
     if q.at_bottom == 1:
@@ -346,7 +355,7 @@ def _scattered(w, q, world):
 
 @outlined
 def _join_by_slope(at, q, i, goal, still, scene, world, manifold):
-    """Join an event to target i by the slope at a crossing over (x, y), see `join_collision`."""
+    """Join an event to target i by the slope at a crossing at (x, y), see `join_collision`."""
     if manifold is not None:  # an argument: for smooth waves the rest is not compiled
         return
     joins, start = world.joins, place(q)
@@ -359,17 +368,17 @@ def _join_by_slope(at, q, i, goal, still, scene, world, manifold):
     way = minus(p, start)
     length = norm(way)
     w = scaled(1.0 / length, way)
-    facing = dot(w, g)
+    facing = dot(w, g)  # cosine of incidence on the facet
     if facing <= 0.0:
         return
     n = interface.normal_at(x, y, facet, world.surface)
     density, share = _through(p, n, g, w, goal, facet, scene, world)
     if share <= 0.0 or not _is_clear(start, w, length, facet, world):
         return
-    turned, theta = _scattered(w, q, world)
-    drawn = turned
+    phase, theta = _scattered(w, q, world)
+    drawn = phase
     if q.at_bottom == 0:
-        drawn = targets.drawn_density(w, turned, q, world)
+        drawn = targets.drawn_density(w, phase, q, world)
     # the drawn crossing as a density of directions: dOmega = cos dA / length^2, dA = dx dy / g_z
     here = q.chance * targets.crossing_density(x, y, still, joins) * length * length * g.z
     here /= facing * scene.target.area
@@ -380,10 +389,10 @@ def _join_by_slope(at, q, i, goal, still, scene, world, manifold):
         * _point_density(i, density, world)
     )
     # balance heuristic: `here` for this connection, `other` for one at the crossing ahead
-    turned *= math.exp(-depth_between(world.medium, start, p, length))
-    share_in = turned * density * share / (here + other)
-    if share_in > 0.0:
-        _score(q, i, q.weight * share_in, theta, p, goal, length, world)
+    phase *= math.exp(-depth_between(world.medium, start, p, length))
+    factor = phase * density * share / (here + other)
+    if factor > 0.0:
+        _score(q, i, q.weight * factor, theta, p, goal, length, world)
 
 
 @outlined
@@ -424,8 +433,8 @@ def _join_at(at, facet, multiplicity, q, i, shot, scene, world):
             return
     # all points of the aperture: |A| dOmega / dx at the one that photons are joined to
     weight *= scene.target.area * per_area * crossing.transmittance(m, world.interface) / q.chance
-    turned, theta = _scattered(m.w, q, world)
-    weight *= turned
+    phase, theta = _scattered(m.w, q, world)
+    weight *= phase
     weight *= math.exp(-depth_between(world.medium, start, p, m.length))
     weight *= multiplicity
     if weight > 0.0:

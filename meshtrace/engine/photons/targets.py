@@ -1,8 +1,9 @@
 """Joined photons and the ends that they are joined to: records, chances, directions drawn.
 
-Targets are apertures in the air, or lamps for photons that run backwards; some of them are guides,
-about whose ways directions are drawn. A goal is a point of an aperture, by its coordinates along
-the two axes across it. Names are those of `photons.flight`.
+Targets are apertures in the air, or lamps for photons that run backwards. Some of them are guides:
+directions are drawn about the straight ways to them, up to the crossing of still water. A goal is a
+point of an aperture, by its coordinates along the two axes across it. Names are those of
+`photons.flight`.
 """
 
 from __future__ import annotations
@@ -43,16 +44,16 @@ JOINED_PHOTON = record_type(
         ("order", np.int64),  # scatterings and reflections by the bottom
         ("reflections", np.int64),  # by the surface
         ("returns", np.int64),  # by the surface or the bottom
-        ("level", float),  # of the surface above its last event [m]
-        ("bend", float),  # of its direction, see `bend_ahead`
-        ("density", float),  # of its direction [sr-1], 0 without a connection at its last event
+        ("level", float),  # height of the surface above its last event [m], see `level_over`
+        ("bend", float),  # squared slope that its direction needs, over its variance: `bend_ahead`
+        ("density", float),  # of its direction [sr-1], see `drawn_density`; 0: not joined
         ("importance", float),  # of the start
-        ("u", float),  # numbers of the point of each aperture that its collisions are joined to
+        ("u", float),  # u, v: uniforms of the point of each aperture that collisions are joined to
         ("v", float),
-        ("copies", np.int64),  # that wait
+        ("copies", np.int64),  # that wait: the index of the last one on the stack
         ("is_guided", np.int64),  # whether copies take directions to the targets
         ("law", np.int64),  # `Law` of a copy's next direction
-        ("guide", np.int64),  # guide of that law
+        ("guide", np.int64),  # index into `Joins.guide` for that law
         ("chance", float),  # of the connection of its last event
         ("at_bottom", np.int64),  # whether its last event was at the bottom
     ]
@@ -121,19 +122,19 @@ class Joins(NamedTuple):
     window: Window
 
 
-# width, over the first part's, and share of the second part of the law of crossings: tails of
-# slopes are heavier than those of a Gaussian
+# Law of crossings, a mixture of two Gaussians: width of the second over that of the first, and its
+# share. Tails of slopes are heavier than those of one Gaussian.
 WIDE, WIDE_SHARE = 3.0, 0.15
-# of that law, over the depth of the collision: almost flat water has a width, too
+# added to the widths of that law, over the depth of the collision: flat water has a width, too
 _LEAST_WIDTH = 0.02
 LEAST_DEPTH = 1e-3  # [m], of a collision below the surface: levers divide by it
-_NEAR = 3.0  # troughs below which depths are those below still water
+_NEAR = 3.0  # tuned: depths of the lowest trough, below which the waves above are ignored
 _LEAST_ANGLE = 1e-8  # [rad], see `angle_between`
-_AHEAD = 4.0  # connections ahead for one that analog photons would have
-# floor of their chance where no slope bends the light to a target: a chance of 0 would be a bias
+_AHEAD = 4.0  # tuned: chance of a connection ahead over that of flight without a collision
+# least factor on that chance, where hardly a slope bends the light to a target: 0 would be a bias
 _LEAST_BENT = 0.01
 _MOST_BEND = 100.0  # squared slope over its variance: none of ten standard deviations occurs
-_BENT = 0.1  # fall of their chance with the squared slope over its variance
+_BENT = 0.1  # tuned: fall of that chance with the squared slope over its variance
 # room on the stack, below which directions are not guided any more: the copies that splitting
 # makes come first
 SPARE = 16
@@ -175,7 +176,7 @@ def vector_of(a):
 
 @inlined
 def scene_to(t, world):
-    """Return the surface with a target; nothing is read of its emitter."""
+    """Return the `Scene` of a target record; nothing is read of its emitter."""
     # records have no nested tuples: the emitter and the target are put together again; what photons
     # never read of them is 0
     pattern, center, axis = t.lamp, vector_of(t.center), vector_of(t.axis)
@@ -203,7 +204,7 @@ def goal_on(target, u, v):
 
 @inlined
 def facet_below(x, y, world):
-    """Return the facet over (x, y), -1 off the mesh."""
+    """Return the facet at (x, y), -1 off the mesh."""
     if len(world.grid.x.line) > 0:
         return facet_over(world.grid, x, y)
     return locate(world.joins.locator, world.surface, x, y)
@@ -224,11 +225,11 @@ class Still(NamedTuple):
 
     x: float
     y: float
-    ux: float  # direction of the way
+    ux: float  # horizontal unit vector from the start to the point
     uy: float
-    along: float  # displacement by a slope along the way [m]
-    across: float
-    depth: float
+    along: float  # displacement by unit slope, along (ux, uy) [m]
+    across: float  # across it [m]
+    depth: float  # of the start below the surface [m]
 
 
 @outlined
@@ -242,36 +243,37 @@ def still_crossing(p, goal, level, scene):
     t = scene.target
     n = scene.medium.n_water / scene.medium.n_air
     at = along(along(t.center, t.e1, goal.x), t.e2, goal.y)
-    h, z = max(at.z - level, LEAST_DEPTH), max(level - p.z, LEAST_DEPTH)
+    height, z = max(at.z - level, LEAST_DEPTH), max(level - p.z, LEAST_DEPTH)
     gx, gy = at.x - p.x, at.y - p.y
     r = math.sqrt(gx * gx + gy * gy)
-    # start: Snell's law for small angles, n u / z = (r - u) / h
-    u = r * z / (z + n * h)
+    # u: horizontal distance of the crossing from p, from Snell's law for small angles,
+    # n u / z = (r - u) / height, on
+    u = r * z / (z + n * height)
     low, high = 0.0, r
     for _ in range(20):
-        q = r - u
-        a, b = math.sqrt(u * u + z * z), math.sqrt(q * q + h * h)
+        beyond = r - u
+        a, b = math.sqrt(u * u + z * z), math.sqrt(beyond * beyond + height * height)
         # derivative of the optical path n a + b, which rises with u: the bracket always holds its
         # one root
-        g = n * u / a - q / b
-        if g > 0.0:
+        gradient = n * u / a - beyond / b
+        if gradient > 0.0:
             high = u
         else:
             low = u
         # Newton's step by the second derivative, which is positive: the path is convex in u
-        step = g / (n * z * z / (a * a * a) + h * h / (b * b * b))
+        step = gradient / (n * z * z / (a * a * a) + height * height / (b * b * b))
         u -= step
         # bisection where Newton leaves the bracket, as for grazing light
         if not low <= u <= high:
             u = 0.5 * (low + high)
         if abs(step) < 1e-9 * (1e-3 + r):
             break
-    q = r - u
-    a, b = math.sqrt(u * u + z * z), math.sqrt(q * q + h * h)
-    cos_w, cos_a = z / a, h / b
+    beyond = r - u
+    a, b = math.sqrt(u * u + z * z), math.sqrt(beyond * beyond + height * height)
+    cos_w, cos_a = z / a, height / b
     # straight above the start any direction is along the way
     ux, uy = (gx / r, gy / r) if r > 1e-9 else (1.0, 0.0)
-    # vertical component of n d_w - d_a: what the path changes by a unit of height
+    # vertical component of n d_w - d_a: change of the optical path per height of the crossing
     bend = n * cos_w - cos_a
     # A slope ds adds bend ds to the gradient of the path: dP = bend / (second derivative) ds.
     lever = bend / (n * cos_w * cos_w / a + cos_a * cos_a / b)
@@ -297,21 +299,22 @@ def beside(still, r, u, joins):
 @inlined
 def crossing_density(x, y, still, joins):
     """Return the density of the crossings drawn about the flat-sea crossing [m-2]."""
-    sa, sc = widths_of(still, joins)
-    # coordinates along and across the way, in standard deviations
+    width_along, width_across = widths_of(still, joins)
+    # a, c: offset along and across the way, in standard deviations
     dx, dy = x - still.x, y - still.y
-    p = (dx * still.ux + dy * still.uy) / sa
-    q = (dy * still.ux - dx * still.uy) / sc
-    e, wide = p * p + q * q, WIDE * WIDE
-    # Defensive mixture (Hesterberg 1995): far crossings keep a bounded weight.
-    law = (1.0 - WIDE_SHARE) * math.exp(-0.5 * e) + WIDE_SHARE / wide * math.exp(-0.5 * e / wide)
-    return law / (TWO_PI * sa * sc)
+    a = (dx * still.ux + dy * still.uy) / width_along
+    c = (dy * still.ux - dx * still.uy) / width_across
+    r2, wide = a * a + c * c, WIDE * WIDE
+    # Defensive mixture (Hesterberg 1995) with the wider Gaussian: weights stay bounded.
+    law = (1.0 - WIDE_SHARE) * math.exp(-0.5 * r2) + WIDE_SHARE / wide * math.exp(-0.5 * r2 / wide)
+    return law / (TWO_PI * width_along * width_across)
 
 
 @inlined
 def collision_chance(depth, joins):
-    """Return the chance of a connection of a collision: deep ones bring exp(-c depth)."""
-    # 1.5: collisions of the upper 0.4 / decay are always joined, as ln 1.5 = 0.4
+    """Return the chance that a collision at a depth [m] is joined."""
+    # Deep ones bring exp(-c depth) only. 1.5: those above the depth 0.4 / decay, ln 1.5 = 0.4, are
+    # always joined.
     return min(1.0, 1.5 * math.exp(-joins.decay * depth))
 
 
@@ -343,8 +346,8 @@ def tint_mixed(log_weights, theta, u, p, world):
     """Add a scattering by an angle to the sums of a path, see `meshtrace.kernels.tints`.
 
     Array twin: direct runs of the wavelengths.
-    Water and bubbles scatter as one, so that u draws by which of them: of these two paths the
-    factors at other wavelengths are products.
+    Water and bubbles scatter as a mixture: u draws which of them it was, since only then are the
+    factors at other wavelengths products along the path.
     """
     if is_tinted(world.tints):
         b, bubbles = scattering_coefficients(world.medium, p)
@@ -360,7 +363,7 @@ def bend_ahead(p, d, level, world):
     """Return the squared slope that bends a straight path to a target, over its variance.
 
     Array twin: `slope_towards` on still water.
-    The least of all guides, `_MOST_BEND` at most, and for a path that leads down.
+    The least of all guides and at most `_MOST_BEND`, which stands for a path that leads down, too.
     """
     joins, medium, bend = world.joins, world.medium, _MOST_BEND
     if d.z <= 0.0:
@@ -372,12 +375,12 @@ def bend_ahead(p, d, level, world):
         to = minus(vector_of(t.center), at)
         flight = norm(to)
         # normal that refracts d to the target, and its slope: (x, y) / z
-        big = along(scaled(medium.n_water, d), to, -medium.n_air / flight)
-        if big.z > 0.0:
+        normal = along(scaled(medium.n_water, d), to, -medium.n_air / flight)
+        if normal.z > 0.0:
             # the aperture itself accepts a range of slopes
             soft = medium.n_air * t.radius / flight
-            square = big.x * big.x + big.y * big.y
-            bend = min(bend, square / ((joins.spread * big.z) ** 2 + soft * soft))
+            square = normal.x * normal.x + normal.y * normal.y
+            bend = min(bend, square / ((joins.spread * normal.z) ** 2 + soft * soft))
     return bend
 
 
@@ -418,7 +421,7 @@ def guided_directions(q, world):
 
 @inlined
 def cone_to(i, p, world):
-    """Return (axis, sin^2(theta / 2) of the edge) of the cone from p to the view of guide i."""
+    """Return axis and edge, sin^2(half-angle / 2), of the cone from p to the view of guide i."""
     t = world.joins.guide[i]
     way = Vec3(t.seen[0] - p.x, t.seen[1] - p.y, -p.z)
     distance = norm(way)
@@ -431,7 +434,7 @@ def cone_to(i, p, world):
 
 @inlined
 def cone_density(d, p, world):
-    """Return the density of directions uniform over the cones to the views [sr-1]."""
+    """Return the density at d of directions uniform over the cones to the views [sr-1]."""
     n, total = len(world.joins.guide), 0.0
     for i in range(n):
         axis, edge = cone_to(i, p, world)
@@ -446,8 +449,8 @@ def aim_of(q, world):
     """Return the uniforms of the point of a target about which directions are drawn.
 
     Array twin: none.
-    Over random slopes its centre: a photon is joined to the point of its connection or to another
-    one, and the balance heuristic needs one density of its direction for both.
+    Over random slopes the centre, (0, 0): a crossing ahead is joined to another point than a
+    collision, and the balance heuristic needs one density of the direction for both.
     """
     if interface.is_rough(world.surface.roughness):
         return Vec2(0.0, 0.0)
@@ -456,9 +459,10 @@ def aim_of(q, world):
 
 @outlined
 def drawn_density(d, phase, q, world):
-    """Return the density of all directions drawn behind a collision [sr-1].
+    """Return the expected number of directions drawn at d after a collision [sr-1].
 
-    `phase` is the phase function, by which the photon itself goes on.
+    `phase` is the phase function at d, by which the photon itself goes on: one direction. Copies
+    add the expected numbers `guided_directions`.
     """
     start, n = place(q), len(world.joins.guide)
     lobe, cone = guided_directions(q, world)
