@@ -27,7 +27,7 @@ def _import_numba() -> None:
         warnings.simplefilter("always")
         from numba.core import config
     for warning in caught:
-        # numba falls back to its default; the lines after the first are the traceback of its parser
+        # numba falls back to its default; its message has a traceback after the first line
         warnings.warn(str(warning.message).partition("\n")[0], warning.category, stacklevel=3)
     # At each compilation numba reads its settings from a file of the working directory, which another
     # user may have written: it could name a cache folder with kernels of that user.

@@ -124,7 +124,7 @@ class Tallies(NamedTuple):
     misses: NDArray[np.int64]  # (2,) rays that slipped between facets: cast again, lost
     planes: NDArray[np.float64]  # heights z of the irradiance planes [m], falling
     # (groups, planes, cosines, azimuths) in units of 2^-44; cosines of the direction of
-    # travel to +z from 1 (upwards) to -1, its azimuths from +x; the photons take turns in the groups
+    # travel to +z from 1 (upwards) to -1, its azimuths from +x; photons take turns in the groups
     radiance: NDArray[np.int64]
     grid: MapGrid
     map_tint: NDArray[np.float64]  # (tints,) scratch, sums of the path that is scored
