@@ -29,8 +29,8 @@ def _import_numba() -> None:
     for warning in caught:
         # numba falls back to its default; its message has a traceback after the first line
         warnings.warn(str(warning.message).partition("\n")[0], warning.category, stacklevel=3)
-    # At each compilation numba reads its settings from a file of the working directory, which another
-    # user may have written: it could name a cache folder with kernels of that user.
+    # At each compilation numba reads its settings from a file of the working directory. Another
+    # user may have written it, to name a cache folder with kernels of that user.
     settings: Any = config
     settings._config_fname = os.devnull
     settings.reload_config()
