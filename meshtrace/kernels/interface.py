@@ -64,7 +64,7 @@ class Roughness(NamedTuple):
 
     along: float  # standard deviation of the slope along the wind [1]
     across: float  # and across it [1]
-    cos: float  # cosine and sine of the angle from +x to the wind's axis
+    cos: float  # cosine and sine of the angle from +x to the direction that the wind blows to
     sin: float
     series: Series = GAUSSIAN
 
@@ -267,6 +267,7 @@ def _tilt_of_series(d, n, u, v, roughness):
         # Proposal over Gaussian density, exp(r^2 (1 - 1 / WIDE) / 2) / WIDE, times the largest
         # ratio of the density to the proposal, times the sum 2 of the exposures.
         bound = 2.0 * series.most / WIDE * math.exp(0.5 * r * r * (1.0 - 1.0 / WIDE))
+        # u and v make the next proposal, should this one be rejected
         u, v, u_accept, side = uniforms(key, number, attempt, Purpose.SERIES.value)
         if u_accept * bound < density + opposite:
             return tilt if side * (density + opposite) < density else Vec2(-tilt.x, -tilt.y)

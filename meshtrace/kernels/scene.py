@@ -208,17 +208,15 @@ def facet_summary(surface, out):
     """
     for f in range(len(surface.faces)):
         a, b, c = corners(surface.vertices, f, surface.faces)
-        normal_a, normal_b, normal_c = corners(surface.vertex_normals, f, surface.faces)
+        n_a, n_b, n_c = corners(surface.vertex_normals, f, surface.faces)
         x, y, z = (a.x + b.x + c.x) / 3.0, (a.y + b.y + c.y) / 3.0, (a.z + b.z + c.z) / 3.0
         middle = Vec2(x, y)
         # horizontal distances: searches for a facet go over (x, y)
         out[f].radius = math.sqrt(max(_span(a, middle), _span(b, middle), _span(c, middle)))
         # Change of the interpolated slope per length: bounds how far the image of a facet departs
         # from that of a plane.
-        squared = max(
-            _bend(normal_a, normal_b) / _span(a, b), _bend(normal_b, normal_c) / _span(b, c)
-        )
-        squared = max(squared, _bend(normal_c, normal_a) / _span(c, a))
+        squared = max(_bend(n_a, n_b) / _span(a, b), _bend(n_b, n_c) / _span(b, c))
+        squared = max(squared, _bend(n_c, n_a) / _span(c, a))
         out[f].curvature = math.sqrt(squared) if surface.interpolate else 0.0
         out[f].x, out[f].y, out[f].z = x, y, z
         g = row(surface.face_normals, f)

@@ -222,6 +222,7 @@ def add_tinted(arrivals, score, group, mixture, last, factors, out):
         weight = a.weight * balance(mixture, a.tint)
         position = max(-a.air, 0.0) / last.step
         j = min(int(position), len(last.log) - 2)
+        # f and g: fractions of the steps in depth and in angle
         f, angle = position - j, a.water * per_angle
         m = min(max(int(angle), 0), len(last.phase) - 2)
         g = angle - m
