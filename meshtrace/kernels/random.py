@@ -43,12 +43,12 @@ class Purpose(IntEnum):
     ROULETTE = 4
     BOTTOM = 5  # reflection by the bottom
     CHAIN = 6
-    APERTURE = 7
+    APERTURE = 7  # of a photon that joins a target where it meets the surface
     SLOPE = 8  # of unresolved waves at a crossing
-    JOIN = 9
-    JOIN_SLOPE = 10
-    GUIDE = 11
-    TRIAL = 12
+    JOIN = 9  # whether a collision is connected to a target
+    JOIN_SLOPE = 10  # crossing of that connection
+    GUIDE = 11  # direction towards a target
+    TRIAL = 12  # starts of searches for further crossings
     SERIES = 13  # rejection of slopes that are not Gaussian
 
 

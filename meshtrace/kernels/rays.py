@@ -146,8 +146,8 @@ def first_facet(bvh, p, d):
     return np.int64(word[Word.FACET.value])
 
 
-# Length cut off either end of a path, over 1 + its length: more than the errors of Newton's method
-# and of normals that differ from the facet's, less than any wave.
+# Length cut off the start of a path, and twice at its end, over 1 + its length: more than the errors
+# of Newton's method and of normals that differ from the facet's, less than any wave.
 _HAIR = 1e-4
 
 
@@ -167,10 +167,10 @@ def is_free(p, d, length, surface, grid):
 
 @inlined
 def _between(z, rise, first, last, surface):
-    """Return the part of a path that can meet the surface, between trough and highest crest.
+    """Return the part of a path between the lowest trough and the highest crest.
 
-    The path is first <= t <= last, from the height z with d.z = rise; without such a part the first
-    number is above the last.
+    Only there can it meet the surface. The path is first <= t <= last, from the height z with
+    d.z = rise; without such a part the first number is above the last.
     """
     low, high = surface.low[2], surface.high[2]
     if rise == 0.0:

@@ -407,8 +407,8 @@ class Beams(NamedTuple):
     """
 
     travel: NDArray[np.float64]  # (beams, 3) unit vectors, downwards
-    power: NDArray[np.float64]  # (beams,)
-    ring: NDArray[np.int64]  # (beams,)
+    power: NDArray[np.float64]  # (beams,) irradiance across a beam, over `irradiance` of its ring
+    ring: NDArray[np.int64]  # (beams,) index of the ring, the sun's last
     slant: NDArray[np.float64]  # (rings,) mu_0, cosines to the vertical under water
     irradiance: NDArray[np.float64]  # (rings, wavelengths) of sky or sun [W m-2 nm-1]
     phase: NDArray[np.float64]  # (angles, functions) common to all phase functions, from 0 to pi
@@ -459,8 +459,8 @@ def add_upwelling(directions, beams, toward, scattered, radiances):
                 toward[r, q] += power * p
             toward[r, -1] += power
         for r in range(len(beams.slant)):
-            # Light scattered once at depth z has passed exp(-k z (1 / mu_0 + 1 / mu)): tables over
-            # that sum.
+            # Light scattered once at depth z is weakened by exp(-k z (1 / mu_0 + 1 / mu)): the
+            # tables are over that sum.
             air_mass = 1.0 / beams.slant[r] + 1.0 / mu
             j = min(max(int(math.log(air_mass / beams.m[0]) * per_m), 0), nodes - 2)
             f = min(max((air_mass - beams.m[j]) / (beams.m[j + 1] - beams.m[j]), 0.0), 1.0)

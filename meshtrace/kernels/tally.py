@@ -97,7 +97,7 @@ class Apertures(NamedTuple):
     cos_half_fov: NDArray[np.float64]  # of half the full field of view
     tan_half_fov: NDArray[np.float64]
     in_water: NDArray[np.bool_]
-    any_in_water: bool
+    any_in_water: bool  # whether any of them is
 
 
 class MapGrid(NamedTuple):

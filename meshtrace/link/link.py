@@ -25,11 +25,11 @@ from meshtrace.optics.water import Water
 _TYPICAL = 16.0  # depth plus height of links whose unit of length is the metre [m]
 _SMALL = 8.0  # meshes are scaled down for links of a unit below 1 m over this number
 _ASIDE = 20.0  # a mesh centred on the origin is fine up to receivers this far aside [m]
-_NEAR = 64.0  # distance of a link from (0, 0), over depth plus height, up to which it is its origin
+_NEAR = 64.0  # links keep the origin (0, 0) up to this distance from it, over depth plus height
 _LEAST_DISTANCE = 1e-3  # of a source or receiver from still water [m]
 _LEAST_SHARE = 0.1  # the same over the distance of the farthest end, for links of a few millimetres
 _SHORTEST = 1e-9  # the same of any link [m]: rays have no meaning below the wavelength
-# fields of an end that belong to its place or its kind, and not to its pattern
+# fields of kind, place and axis, which an end leaves behind when it changes places, see `_moved`
 _PLACED = {"kind", "position", "depth", "height"}
 _PLACED |= {"zenith_deg", "azimuth_deg", "tilt_deg", "tilt_azimuth_deg"}
 
@@ -399,8 +399,8 @@ class Link(Model, frozen=True):
             for r in self.receivers:
                 low_end, high_end = (r, t) if isinstance(t, AirLamp) else (t, r)
                 depth, height = getattr(low_end, "depth", 1.0), getattr(high_end, "height", 1.0)
-                # part of the horizontal way that lies in the water, for small angles: that in the
-                # air is n times as large
+                # part of the horizontal way that lies in the water; for small angles a metre of
+                # height moves light n times as far aside as a metre of depth
                 share = depth / (depth + n * height)
                 tangent = math.dist(t.position, r.position) / (depth + height)
                 lever = (n - 1.0) * height * share * (1.0 + 2.0 * tangent**2) ** 1.5
@@ -432,7 +432,10 @@ def _power_of_two(size: float) -> float:
 
 
 def _moved(kind: type[Any], end: Any, place: Any) -> Any:
-    """Return an end of `kind` with the pattern of `end`, at the position and axis of `place`."""
+    """Return an end of `kind` with pattern, power and wavelength of `end` at the place of `place`.
+
+    Position, level and axis are those of `place`.
+    """
     # fields that were not set take the defaults of the new kind
     fields = {name: getattr(end, name) for name in end.model_fields_set if name not in _PLACED}
     level = "depth" if hasattr(place, "depth") else "height"
