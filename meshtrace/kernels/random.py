@@ -42,7 +42,7 @@ class Purpose(IntEnum):
     INTERFACE = 3  # crossing of the surface
     ROULETTE = 4
     BOTTOM = 5  # reflection by the bottom
-    CHAIN = 6
+    CHAIN = 6  # not drawn; the number stays taken
     APERTURE = 7  # of a photon that joins a target where it meets the surface
     SLOPE = 8  # of unresolved waves at a crossing
     JOIN = 9  # whether a collision is connected to a target

@@ -146,8 +146,8 @@ def first_facet(bvh, p, d):
     return np.int64(word[Word.FACET.value])
 
 
-# Length cut off the start of a path, and twice at its end, over 1 + its length: more than the errors
-# of Newton's method and of normals that differ from the facet's, less than any wave.
+# Length cut off the start of a path, and twice at its end, over 1 + its length: more than the
+# errors of Newton's method and of normals that differ from the facet's, less than any wave.
 _HAIR = 1e-4
 
 
