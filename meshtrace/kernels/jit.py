@@ -96,7 +96,7 @@ class Part(_Lowered):
 
     @property
     def codegen(self) -> _NoEnvironments:
-        """Code generator, a stand-in: numba sets environments in emitted code, of which is none."""
+        """Code generator, a stand-in: numba would set environments in emitted code."""
         return _NoEnvironments()
 
     def get_pointer_to_function(self, name: str) -> int:
@@ -376,7 +376,7 @@ class KernelCache(FunctionCache):
         path = self._path(key)
         if path.is_file() and _is_trusted(path):
             return key, path
-        # key[1] names architecture, processor and its features: shipped code is for any processor.
+        # key[1] names architecture, processor and features: shipped code is for any processor.
         key = key[0], (key[1][0], *_ANY_PROCESSOR), key[2]
         return key, shipped() / self._path(key).name
 
