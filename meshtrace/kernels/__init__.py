@@ -1,4 +1,9 @@
-"""What all tracers share as compiled functions: vectors, random numbers, medium, facets, scene."""
+"""What all tracers share as compiled functions: vectors, random numbers, medium, facets, scene.
+
+"Array twin" in the docstring of a kernel names the plain or independent code that it is checked
+against, mostly in the tests; "Why so" gives the reason for a kernel that is less plain than its
+twin.
+"""
 
 import os
 import warnings
@@ -8,7 +13,7 @@ from meshtrace.errors import Refused
 
 
 def _import_numba() -> None:
-    """Import numba, whose complaints about its environment are tracebacks.
+    """Import numba with its errors about the environment as short messages.
 
     Raises
     ------
@@ -22,10 +27,10 @@ def _import_numba() -> None:
         warnings.simplefilter("always")
         from numba.core import config
     for warning in caught:
-        # numba falls back to its default; behind the first line stands the traceback of its parser
+        # numba falls back to its default; its message has a traceback after the first line
         warnings.warn(str(warning.message).partition("\n")[0], warning.category, stacklevel=3)
-    # numba reads a file of the working directory, too, at each compilation: in the folder of a
-    # stranger it could name a cache folder whose kernels are the stranger's
+    # At each compilation numba reads its settings from a file of the working directory. Another
+    # user may have written it, to name a cache folder with kernels of that user.
     settings: Any = config
     settings._config_fname = os.devnull
     settings.reload_config()

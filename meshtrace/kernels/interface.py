@@ -35,8 +35,8 @@ from meshtrace.kernels.vectors import (
 class Series(NamedTuple):
     """Ratio of the density of slopes to the Gaussian density, a polynomial cut off at 0.
 
-    The fields are the coefficients of 1, a, a^2, a^3, a^4, c^2, a c^2, a^2 c^2, c^4 in the slopes a
-    along and c across the wind, in standard deviations.
+    The fields are the coefficients of 1, a, a^2, a^3, a^4, c^2, a c^2, a^2 c^2, c^4, where a is the
+    slope along the wind and c the slope across it, each over its standard deviation.
     """
 
     constant: float
@@ -48,27 +48,30 @@ class Series(NamedTuple):
     acc: float
     aacc: float
     cccc: float
-    most: float  # largest ratio of the density to that of variance `WIDE`; 0: Gaussian slopes
+    most: float  # largest ratio of the density to the Gaussian of variance `WIDE`; 0: no series
 
 
 GAUSSIAN = Series(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 WIDE = 1.5
-"""Variance of the Gaussian slopes that propose those of another density."""
+"""Variance of the Gaussian from which slopes of a series are proposed, in units of their own.
+
+Above 1, for tails heavier than those of the density; tuned: a larger one rejects more proposals.
+"""
 
 
 class Roughness(NamedTuple):
     """Slopes of unresolved waves: standard deviations, wind direction, departure from Gaussian."""
 
-    along: float  # the wind, standard deviation of the slope
-    across: float
-    cos: float  # of the direction of the wind from +x
+    along: float  # standard deviation of the slope along the wind [1]
+    across: float  # and across it [1]
+    cos: float  # cosine and sine of the angle from +x to the direction that the wind blows to
     sin: float
     series: Series = GAUSSIAN
 
 
 SMOOTH = Roughness(0.0, 0.0, 1.0, 0.0)
-_RESOLUTION = 2.0**-52  # of uniforms
-_LEAST_ROUGH = 0.3  # normal_z: no slopes are added to steeper facets
+_RESOLUTION = 2.0**-52  # a uniform (k + 1/2) 2^-32 over it is a whole number: no bit is lost
+_LEAST_ROUGH = 0.3  # least z of the unit normal of a facet that gets random slopes
 
 
 class Triangles(NamedTuple):
@@ -88,8 +91,8 @@ class MeshArrays(NamedTuple):
     vertex_normals: NDArray[np.float64]  # (n, 3)
     low: NDArray[np.float64]  # (3,) lowest corner of the bounds
     high: NDArray[np.float64]  # (3,)
-    max_slope: float
-    interpolate: bool  # normals from the corners, or the facet's own
+    max_slope: float  # steepest slope of a facet [1], inf under overhangs
+    interpolate: bool  # True: normals interpolated between the corners, False: the facet's own
     roughness: Roughness = SMOOTH
     level: float = 0.0  # height of the flat sea that facet -1 stands for [m]
 
@@ -108,22 +111,24 @@ def plane_distance(p, d, facet, mesh):
     """Return the distance along a ray to the plane of a facet.
 
     Array twin: `facet_hits`.
-    The plane equation in double precision removes the single precision of Embree.
+    p is the origin of the ray, d its direction; the distance is in units of |d|, inf for a ray
+    parallel to the plane. Embree finds the facet in single precision; its plane equation gives the
+    distance in double precision.
     """
     n = row(mesh.face_normals, facet)
     facing = dot(d, n)
     if facing == 0.0:
         return math.inf
-    # The distance follows from the plane in double precision, whatever precision found the facet.
     return dot(minus(row(mesh.vertices, mesh.faces[facet, 0]), p), n) / facing
 
 
 @inlined
 def barycentrics(x, y, facet, mesh):
-    """Return (u, v) of the point of a facet over (x, y).
+    """Return the barycentrics (u, v) of the point of a facet at (x, y).
 
     Array twin: `facet_hits`.
-    Facets of height fields face up, so their projections to the plane keep the barycentrics.
+    The point is (1 - u - v) a + u b + v c of the corners a, b, c. Facets of height fields face up,
+    so their projections to the horizontal plane keep the barycentrics.
     """
     a, b, c = corners(mesh.vertices, facet, mesh.faces)
     ab, ac, ap = minus2(b, a), minus2(c, a), minus2(Vec2(x, y), a)
@@ -133,10 +138,10 @@ def barycentrics(x, y, facet, mesh):
 
 @inlined
 def barycentrics_of(p, facet, mesh):
-    """Return (u, v) of a point on a facet of any orientation.
+    """Return the barycentrics (u, v) of a point on a facet of any orientation.
 
     Array twin: least squares in `tests/kernels/test_kernels_facets.py`.
-    The largest component of the normal is dropped: that projection has the largest area.
+    The facet is projected along the axis nearest to its normal: that projection is the largest.
     """
     a, b, c = corners(mesh.vertices, facet, mesh.faces)
     ab, ac, ap = minus(b, a), minus(c, a), minus(p, a)
@@ -167,17 +172,19 @@ def interpolated_normal(u, v, facet, surface):
     """Return the unit normal interpolated from the corners of a facet.
 
     Array twin: `TriangleMesh.vertex_normals` averaged with (1 - u - v, u, v).
-    Interpolated exact slopes make refraction converge as the square of the spacing.
+    The error of refraction then falls as the square of the spacing of the mesh.
     """
-    # Phong interpolation, of normals whose slopes are exact at the corners (not averages of
-    # facets).
+    # Phong interpolation, of normals that are those of the sea itself at the corners (not averages
+    # of the facets around them).
     a, b, c = corners(surface.vertex_normals, facet, surface.faces)
     return unit(blend(u, v, a, b, c))
 
 
 @inlined
 def normal_at(x, y, facet, surface):
-    """Return the unit normal of a facet over (x, y): constant, or interpolated and continued.
+    """Return the unit normal of a facet at (x, y): constant, or interpolated.
+
+    Beyond the edges of the facet the interpolation is continued.
 
     Array twin: `interpolated_normal`.
     """
@@ -207,19 +214,22 @@ def is_rough(roughness):
 
 @inlined
 def slope_tilt(roughness, along, across):
-    """Return the slopes along x and y of two standard normal numbers.
+    """Return the slopes along x and y from standard slopes along and across the wind.
 
     Array twin: their covariance in `tests/kernels/test_kernels_facets.py`.
+    Standard slopes are slopes over their standard deviations.
     """
     a, c = roughness.along * along, roughness.across * across
+    # rotation from the axes of the wind to x and y
     return Vec2(roughness.cos * a - roughness.sin * c, roughness.sin * a + roughness.cos * c)
 
 
 @inlined
 def over_gaussian(series, a, c):
-    """Return the ratio of the density of slopes along and across the wind to the Gaussian one.
+    """Return the ratio of the density of standard slopes to the Gaussian density.
 
     Array twin: its own Python code.
+    a is the slope along the wind and c the slope across it, each over its standard deviation.
     """
     if series.most == 0.0:
         return 1.0
@@ -232,32 +242,32 @@ def over_gaussian(series, a, c):
 
 @outlined
 def _tilt_of_series(d, n, u, v, roughness):
-    """Return the slopes along x and y that light along d meets on a normal n.
+    """Return random slopes along x and y, of a series, that light along d meets on a normal n.
 
     Array twin: chi-square in `tests/kernels/test_kernels_series.py`.
-    Wider Gaussian slopes are proposed with their opposites, the exposures of which add up to 2,
-    and a pair is accepted by the sum of both densities. Uniforms beyond the first two belong to
-    these two.
+    Rejection from a wider Gaussian: slopes t and -t are proposed as a pair, accepted by the sum of
+    their densities times exposures, and one of the two is taken in proportion to its term.
     """
     series = roughness.series
-    # The two uniforms name a random stream of their own, so that the number of rejected proposals
-    # does not change any other number of the photon.
+    # Further uniforms come from a stream of which these two are seed and photon: however many
+    # proposals are rejected, no other random number of the photon changes.
     key, number = np.uint64(u / _RESOLUTION), np.uint64(v / _RESOLUTION)
     attempt = 0
     while True:
-        # Box and Muller, with the variance WIDE: tails heavier than the Gaussian's keep the ratio
-        # of the densities bounded.
+        # Box-Muller, with the variance WIDE: tails heavier than the Gaussian's keep the ratio of
+        # the densities bounded.
         r = math.sqrt(-2.0 * WIDE * math.log(u))
         cos_phi, sin_phi = on_circle(v)
         a, c = r * cos_phi, r * sin_phi
         tilt = slope_tilt(roughness, a, c)
-        seen = exposure(d, n, tilt)
-        # exposures of a tilt and its opposite add up to 2, so one of the pair is always exposed
-        density = seen * over_gaussian(series, a, c)
-        opposite = (2.0 - seen) * over_gaussian(series, -a, -c)
-        # `most` bounds the ratio of the density to the wider proposal; the exposures of a pair add
-        # up to 2.
+        exposed = exposure(d, n, tilt)
+        # both over the Gaussian density; exposures of a slope and its opposite add up to 2
+        density = exposed * over_gaussian(series, a, c)
+        opposite = (2.0 - exposed) * over_gaussian(series, -a, -c)
+        # Proposal over Gaussian density, exp(r^2 (1 - 1 / WIDE) / 2) / WIDE, times the largest
+        # ratio of the density to the proposal, times the sum 2 of the exposures.
         bound = 2.0 * series.most / WIDE * math.exp(0.5 * r * r * (1.0 - 1.0 / WIDE))
+        # u and v make the next proposal, should this one be rejected
         u, v, u_accept, side = uniforms(key, number, attempt, Purpose.SERIES.value)
         if u_accept * bound < density + opposite:
             return tilt if side * (density + opposite) < density else Vec2(-tilt.x, -tilt.y)
@@ -266,8 +276,9 @@ def _tilt_of_series(d, n, u, v, roughness):
 
 @inlined
 def drawn_tilt(roughness, u, v):
-    """Return the slopes along x and y of two uniforms."""
+    """Return random slopes along x and y, as seen from above, from two uniforms."""
     if roughness.series.most > 0.0:
+        # straight up on level water every slope has the exposure 1
         return _tilt_of_series(UP, UP, u, v, roughness)
     r = math.sqrt(-2.0 * math.log(u))
     cos_phi, sin_phi = on_circle(v)
@@ -280,23 +291,23 @@ def tilted(n, tilt):
 
     Array twin: (-sx, -sy, 1) / norm.
     """
+    # n ~ (-s, 1), so that n - n.z (t, 0) ~ (-s - t, 1)
     return unit(Vec3(n.x - tilt.x * n.z, n.y - tilt.y * n.z, n.z))
 
 
 @inlined
 def exposure(d, n, tilt):
-    """Return the probability that light meets a tilted element, relative to its abundance.
+    """Return the projected area of a tilted piece of surface along d, over that without the tilt.
 
     Array twin: areas of facets seen along a ray.
-    Pieces that lean towards the light show it more of their area: with slopes s + t,
-    d.(-s - t, 1) / d.(-s, 1), whose mean is 1. Tilts that would show their back are taken for
-    those that lean as far towards the light, so that the mean stays.
+    The probability that light meets a tilt is its frequency times this exposure. With the slopes s
+    of the normal n and the tilt t it is d.(-s - t, 1) / d.(-s, 1), of mean 1 and of either sign of
+    d. A tilt that would show its back has 0, and its opposite 2.
     """
     facing = dot(d, n)
     if facing == 0.0:
         return 1.0
-    # Clipped at 2, as the opposite tilt is at 0: exposures of the pair keep their sum, and the mean
-    # 1.
+    # Clipped at 2, where the opposite tilt is clipped at 0: their sum stays 2, and the mean 1.
     return min(max(1.0 - n.z * (d.x * tilt.x + d.y * tilt.y) / facing, 0.0), 2.0)
 
 
@@ -306,7 +317,7 @@ def takes_slopes(g, roughness):
 
     Array twin: none.
     """
-    # Slopes added to an almost upright facet of a breaking crest could turn it over.
+    # g is the facet's normal: slopes on the almost upright facets of a breaker could turn it over.
     return g.z > _LEAST_ROUGH and is_rough(roughness)
 
 
@@ -315,8 +326,8 @@ def roughened(d, n, u, v, w, roughness):
     """Return a normal tilted by the slopes that the mesh leaves out, from three uniforms.
 
     Array twin: the flux over both sides in `tests/engine/chains/test_unresolved_slopes.py`.
-    Of Gaussian slopes a tilt t and its opposite are equally common; the light picks one of the two
-    by their exposures, which add up to 2.
+    Gaussian slopes t and -t are equally frequent: one of the two is taken, with probabilities of
+    half their exposures, which add up to 2.
     """
     if roughness.series.most > 0.0:
         return tilted(n, _tilt_of_series(d, n, u, v, roughness))
@@ -328,7 +339,7 @@ def roughened(d, n, u, v, w, roughness):
 
 @allocating_entry
 def facet_hits(facet, origins, directions, mesh):
-    """Return distances and barycentrics of rays on their facets; inf and nan for misses.
+    """Return distances and barycentrics of rays on given facets (n,); inf and nan for a facet -1.
 
     Array twin: Moller-Trumbore in `meshtrace.engine.bvh.BruteForceIntersector`.
     """
@@ -345,6 +356,7 @@ def facet_hits(facet, origins, directions, mesh):
     return distance, us, vs
 
 
+# PAPER: the form as published, of which E2, E3 ... number the errata in `docs/paper.md`.
 class Snell(IntEnum):
     """Form of the law of refraction, `Physics.snell`."""
 
@@ -380,22 +392,22 @@ class Interface(NamedTuple):
     snell: int  # Snell
     direction: int  # Direction
     fresnel: int  # FresnelMode
-    follow_reflected: bool
-    follow_second_hit: bool
+    follow_reflected: bool  # light that the surface sends back into the water
+    follow_second_hit: bool  # light in the air that meets another wave
     foam_transmittance: float  # of the surface with its foam over that without, T_u
     fov: int  # FieldOfView
 
 
 PHYSICAL = Interface(0, 0, 0, True, True, 1.0, 0)
-"""Refraction and reflection by weights, without a form as published."""
+"""All switches at their physical values, no foam."""
 
 
 @inlined
 def reflectance(cos_i, cos_t, n1, n2):
-    """Return the Fresnel reflectance of unpolarised light from n1 into n2.
+    """Return the Fresnel reflectance of unpolarised light from index n1 into n2.
 
     Array twin: `meshtrace.optics.fresnel.fresnel_reflectance`.
-    Amplitude form: no 0/0 at normal incidence.
+    In terms of cosines: the form in sines and tangents of angles is 0/0 at normal incidence.
     """
     # Fresnel's amplitudes (Born and Wolf, Principles of Optics, sec. 1.5.2); unpolarised light
     # takes the mean of both intensities.
@@ -409,10 +421,10 @@ def refract(d, n, cos_i, n1, n2):
     """Return (cos_t, direction) behind the surface; cos_t < 0: total internal reflection.
 
     Array twin: `meshtrace.optics.fresnel.refract`.
-    The normal points along the light (cos_i > 0). Vector form of Snell's law.
+    The normal points to the side that the light goes to: cos_i = d.n > 0.
     """
     eta = n1 / n2
-    # Snell: t = eta d + (cos_t - eta cos_i) n, with n along the light.
+    # Vector form of Snell's law: t = eta d + (cos_t - eta cos_i) n.
     sin2_t = eta * eta * (1.0 - cos_i * cos_i)
     if sin2_t >= 1.0:
         return -1.0, ORIGIN
@@ -438,7 +450,8 @@ def refract_as_printed(d, n, cos_i, n1, n2, interface):
     theta_t = math.asin(sin_t)
     cos_t = math.cos(theta_t)
     if interface.snell == Snell.PAPER:
-        # the published angles enter the published Fresnel formula, which is symmetric in them
+        # The published Fresnel formula knows the angles alone; those of the inverted law are those
+        # of a passage from n2 into n1.
         rho = reflectance(cos_i, cos_t, n2, n1)
     else:
         rho = reflectance(cos_i, cos_t, n1, n2)
@@ -467,11 +480,12 @@ def transmit(d, n, cos_i, n1, n2, interface):
 
 @inlined
 def branches(d, n, g, n1, n2, interface):
-    """Return reflectance, transmitted and reflected direction at a normal along the light.
+    """Return reflectance, transmitted and reflected direction of light along d.
 
     Array twin: `meshtrace.optics.fresnel`.
-    An interpolated normal may contradict its facet (g): the light would leave on the wrong
-    side. Then the facet's own normal is taken, which cannot.
+    n is the normal of the refraction, g that of the facet, both to the side that the light goes to.
+    An interpolated or tilted n may send light to the wrong side of the facet. Then g is taken in
+    its place, which cannot.
     """
     rho, transmitted, reflected = 1.0, ORIGIN, ORIGIN
     for _ in range(2):
@@ -481,7 +495,7 @@ def branches(d, n, g, n1, n2, interface):
         sound = cos_i > 0.0 and not (rho < 1.0 and dot(transmitted, g) <= 0.0)
         if sound and dot(reflected, g) < 0.0:
             break
-        # second pass: by the facet's own normal
+        # the second pass refracts by the facet's own normal
         n = g
     return rho, transmitted, reflected
 
@@ -491,13 +505,15 @@ def split_rays(directions, normals, facet_normals, u, roughness, n, rho, mirrore
     """Write reflectance and both directions of rays from the air, at normals tilted by slopes.
 
     Array twin: `meshtrace.optics.fresnel`.
-    `u` are three uniforms of each ray, n is the relative index of the water.
+    `directions`, upward `normals` and `facet_normals`, and the uniforms `u` are (rays, 3); n is the
+    refractive index of the water over that of the air. Results are `rho` (rays,) and the
+    directions `mirrored` and `refracted` (rays, 3).
     """
     for i in range(len(directions)):
         d, normal, g = row(directions, i), row(normals, i), row(facet_normals, i)
         if takes_slopes(g, roughness):
             normal = roughened(d, normal, u[i, 0], u[i, 1], u[i, 2], roughness)
-        # `branches` takes normals along the light, which comes from above here.
+        # `branches` takes normals to the side that the light goes to, here down.
         down, g = scaled(-1.0, normal), scaled(-1.0, g)
         rho[i], transmitted, reflected = branches(d, down, g, 1.0, n, PHYSICAL)
         write(mirrored[i], reflected)

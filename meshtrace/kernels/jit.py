@@ -5,16 +5,18 @@ functions that Python calls, `inlined` and `outlined` for those that kernels cal
 
 numba counts references: every array in every argument of every call is counted up and down
 with atomic instructions. A photon makes some twenty calls with some forty arrays: counting
-them took 4.8 microseconds, all of the physics takes 0.2. Kernels make no arrays, the caller
-holds those it passes, so the counting is switched off (`_nrt`) and hot functions are inlined.
+them took 4.8 microseconds, all of the physics takes 0.2. Kernels make no arrays, and the caller
+holds those that it passes, so that the counting is switched off (option `_nrt`) and hot functions
+are inlined.
 Functions below the entry points are never called from Python and need no wrappers for it,
 which saves a third of the compile time.
 
-Compiled kernels are kept in NUMBA_CACHE_DIR, MESHTRACE_CACHE_DIR or the user's cache folder, under
-the digest of all kernels: an edit of any of them, which numba's own cache would miss, starts a new
-folder. They are pickles, which run what their author likes: files and folders that another user
-owns or can write to are not read. A platform wheel (`.ci/wheel`) holds such a folder, compiled for
-every processor of its architecture, which is read where the user's folder has no kernel.
+Compiled kernels are saved in NUMBA_CACHE_DIR, MESHTRACE_CACHE_DIR or the user's cache folder, in a
+folder named by the digest of all kernel files: an edit of any of them, which numba's own cache
+would miss, starts a new folder. They are pickles, which can run any code: files and folders that
+another user owns or can write to are not read. A platform wheel (`.ci/wheel`) holds such a folder,
+compiled for every processor of its architecture, which is read where the user's folder has no
+kernel.
 
 numba optimises every function together with all that it calls and emits machine code for each,
 of which only that of the entry points is ever called. Here functions below an entry point stay as
@@ -53,21 +55,21 @@ from numba.core.serialize import dumps
 
 from meshtrace.files import atomic, cache_directory, foreign_hand, make_private
 
-_ENVIRONMENT = "_ZN08NumbaEnv"
+_ENVIRONMENT = "_ZN08NumbaEnv"  # with which names of environments start, see `_environments`
 
 
 class _NoEnvironments:
-    """Stand-in of the code generator for code that is not emitted."""
+    """Stand-in for the code generator of code that is not emitted."""
 
     def set_env(self, name: str, environment: Any) -> None:
         """Set nothing: the entry point does."""
 
 
 class _Lowered(codegen.JITCodeLibrary):
-    """Code that is optimised as a whole only."""
+    """Code that is not optimised function by function, but as a whole."""
 
     def add_llvm_module(self, ll_module: Any) -> None:
-        """Add a module as it is."""
+        """Add a module as it is, where numba would optimise it first."""
         self._final_module.link_in(ll_module)
 
 
@@ -75,7 +77,8 @@ class Part(_Lowered):
     """Code of a function below an entry point, neither optimised nor emitted."""
 
     def finalize(self) -> None:
-        """Keep the libraries that the function calls for the entry point."""
+        """End the code without linking: the entry point links the libraries that it calls."""
+        # as numba's own method, less linking and optimisation
         self._raise_if_finalized()
         self._finalize_dynamic_globals()
         self._finalized = True
@@ -93,7 +96,7 @@ class Part(_Lowered):
 
     @property
     def codegen(self) -> _NoEnvironments:
-        """Code generator, as far as it concerns emitted code."""
+        """Code generator, a stand-in: numba would set environments in emitted code."""
         return _NoEnvironments()
 
     def get_pointer_to_function(self, name: str) -> int:
@@ -111,11 +114,12 @@ class Whole(_Lowered):
             self._final_module.link_in(module, preserve=True)
         self._linking_libraries = []
         for name in set(_environments(self._final_module)) - environments:
-            # left out if unused, as nearly all: every load of the kernel would restore them
+            # dropped if unused, as nearly all are: each load of the kernel would restore them
             self._final_module.get_global_variable(name).linkage = Linkage.linkonce_any
         for function in self._final_module.functions:
             if function.linkage == Linkage.linkonce_odr and not function.is_declaration:
-                function.linkage = Linkage.internal  # nothing else calls it: unused arguments go
+                # nothing outside calls it: the optimiser may drop its unused arguments
+                function.linkage = Linkage.internal
         # The base class optimises and emits; it asks for one module, which now has all.
         super().finalize()
         # An environment holds the constants and messages of errors that a function raises.
@@ -126,8 +130,9 @@ class Whole(_Lowered):
                 generator.set_env(name, environment)
 
     def serialize_using_object_code(self) -> tuple[str, str, tuple[bytes, bytes]]:
-        """Return the emitted code, and the names that it defines in place of code to link."""
-        # numba saves the bitcode for callers that link it. Entry points have none: names suffice.
+        """Return name, kind and code as numba pickles them, with stubs in place of the bitcode."""
+        # numba saves the bitcode for callers that link it. Entry points have none, and numba reads
+        # no more than the names that it defines.
         names = (f.name for f in self._final_module.functions if not f.is_declaration)
         stubs = "\n".join(f'@"{name}" = global i8 0' for name in names)
         return (
@@ -154,7 +159,7 @@ def _environments(module: Any) -> list[str]:
 
 def _modules(libraries: list[Any]) -> list[Any]:
     """Return the modules of libraries and of all that they call, each once."""
-    # a dictionary keeps the order, in which numba has met them: the code is the same in every run
+    # a dictionary in place of a set, for the same order and the same code in every run
     modules: dict[Any, Any] = {}
     waiting = list(libraries)
     while waiting:
@@ -178,7 +183,7 @@ class _Compiler(compiler.Compiler):
     def define_pipelines(self) -> Any:
         """Return the pipelines of numba."""
         state = self.state
-        # Before numba makes a library of its own kind, which is optimised and emitted at once.
+        # Else numba makes a library of its own kind, optimised and emitted at once.
         if state.library is None:
             state.library = self.kind(state.targetctx.codegen(), state.func_id.func_qualname)
             state.library.enable_object_caching()
@@ -199,12 +204,14 @@ class WholeCompiler(_Compiler):
 
 config: Any = numba.config  # numba's stubs lack its fields
 
-# `Part` and `Whole` rest on internals of numba; other versions compile as they always do, slower
+# `Part` and `Whole` rest on internals of this version of numba; others compile in their usual way,
+# which is slower.
 _LINKED = numba.__version__.startswith("0.68.")
 
-# nor the last two options and `_nrt`
+# Options of functions below the entry points: IEEE arithmetic, no counting, no wrappers for Python.
 _bare: dict[str, Any] = {
-    "error_model": "numpy",  # IEEE division: the test for zero costs a branch and all vector code
+    # Division by 0 gives inf or nan: Python's test for 0 costs a branch, and forbids vector code.
+    "error_model": "numpy",
     "_nrt": False,
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
@@ -212,7 +219,7 @@ _bare: dict[str, Any] = {
 }
 
 ZERO, ONE = np.int64(0), np.int64(1)
-"""Numbers as arguments: a literal has a type of its own, which would compile the function again."""
+"""Numbers to pass to kernels: a literal has another type, for which numba would compile again."""
 NO, YES = np.bool_(False), np.bool_(True)
 
 _SUFFIX = ".kernel"
@@ -222,16 +229,18 @@ _ANY_PROCESSOR = "generic", ""
 _KEPT_DIGESTS = 8
 """Number of cache folders kept; an edit of a kernel makes a new one."""
 
-_SILENT_WAIT = 5.0  # [s] for another process, as long as a kernel of chains takes, before a word
-_LONGEST_WAIT = 30.0  # [s] in all: twice the CPU time of the slowest kernel, that of photons
+# Waits for another process that compiles a kernel [s]: up to a message, as long as a kernel of
+# chains takes to compile; at most, twice the CPU time of the slowest kernel, that of photons.
+_SILENT_WAIT = 5.0
+_LONGEST_WAIT = 30.0
 
 
 def kernel_files() -> list[Path]:
-    """Return the files that hold kernels: this folder, and files of the engine that import it."""
-    room = Path(__file__).parent
-    # Any file that imports this one may hold kernels: no list that could be forgotten.
-    engine = sorted(room.parent.glob("engine/**/*.py"))
-    return sorted(room.glob("*.py")) + [p for p in engine if b"kernels.jit" in p.read_bytes()]
+    """Return the files that hold kernels: this folder's, and those of the engine that name it."""
+    here = Path(__file__).parent
+    # Any file that imports this one may hold kernels; a list of them would go out of date.
+    engine = sorted(here.parent.glob("engine/**/*.py"))
+    return sorted(here.glob("*.py")) + [p for p in engine if b"kernels.jit" in p.read_bytes()]
 
 
 @cache
@@ -281,7 +290,7 @@ class KernelCache(FunctionCache):
         return str(folder())
 
     def files(self) -> list[Path]:
-        """Return the files of the saved overloads in readable folders."""
+        """Return the trusted files of the saved and shipped overloads."""
         paths: list[Path] = []
         for place in (folder(), shipped()):
             with contextlib.suppress(OSError):
@@ -290,17 +299,17 @@ class KernelCache(FunctionCache):
 
     @contextlib.contextmanager
     def turn(self, sig: Any, target_context: Any) -> Iterator[None]:
-        """Wait while another process compiles the overload of a signature that is not saved.
+        """Hold the right to compile the overload of a signature; wait while another process does.
 
         A process that ends in any way frees its lock. One that is stopped holds it: after
         `_LONGEST_WAIT` both compile, and the file of the last one stays.
         """
         with contextlib.ExitStack() as stack:
-            # threads of this process wait for its own work, which ends
+            # threads wait without a limit: the work of their own process ends
             stack.enter_context(self._thread_turn)
             if self._enabled and not self._place(sig, target_context)[1].is_file():
                 path = self._path(self._index_key(sig, target_context.codegen()))
-                # read-only folders; network file systems without locks
+                # without a lock in read-only folders and network file systems that have none
                 with contextlib.suppress(OSError, NotImplementedError):
                     _make_folder(path.parent)
                     if not foreign_hand(path.parent):
@@ -310,7 +319,8 @@ class KernelCache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the saved overload of a signature; None if it is missing or damaged."""
-        rtsys.initialize(target_context)  # not `refresh`: its registries serve compilation alone
+        # numba calls `refresh` here, which also loads registries that compilation alone needs
+        rtsys.initialize(target_context)
         if not self._enabled:
             return None
         key, path = self._place(sig, target_context)
@@ -318,7 +328,8 @@ class KernelCache(FunctionCache):
             content = path.read_bytes()
         except OSError:
             return None
-        # Compared before the pickle is read: a flipped bit of machine code would crash, or compute.
+        # Compared before the pickle is read: a flipped bit of machine code may crash or give wrong
+        # numbers.
         checksum, payload = content[:32], content[32:]
         if checksum == hashlib.sha256(payload).digest():
             # An intact file may name a class that its module no longer has.
@@ -326,8 +337,8 @@ class KernelCache(FunctionCache):
                 saved_key, overload, kind = pickle.loads(payload)
                 if saved_key == key:
                     rebuilt = CompileResult._rebuild(target_context, *overload)
-                    # numba restores a library of its own: calls from kernels, which `Whole`
-                    # refuses, would jump into the stubs
+                    # numba restores a library of its own class, which lets kernels call its stubs;
+                    # `Whole` refuses
                     rebuilt.library.__class__ = kind
                     return rebuilt
         warnings.warn(f"{path}: damaged, compiled again", stacklevel=2)
@@ -337,7 +348,7 @@ class KernelCache(FunctionCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save the overload of a signature; warn once if that fails."""
-        # Addresses of this process, as of ctypes functions, mean nothing in another.
+        # Dynamic globals are addresses in this process, as of ctypes functions.
         if not self._enabled or data.library.has_dynamic_globals:
             return
         key = self._index_key(sig, data.codegen)
@@ -348,7 +359,7 @@ class KernelCache(FunctionCache):
             if foreign_hand(path.parent):
                 return
             if path.is_file() and foreign_hand(path):
-                path.unlink()  # else its permissions are kept
+                path.unlink()  # else the new file takes its permissions
             with atomic(path, 0o600) as temporary:
                 temporary.write_bytes(hashlib.sha256(payload).digest() + payload)
         except OSError as error:
@@ -365,19 +376,20 @@ class KernelCache(FunctionCache):
         path = self._path(key)
         if path.is_file() and _is_trusted(path):
             return key, path
-        # Shipped code is for any processor of the architecture, code compiled here for this one.
+        # key[1] names architecture, processor and features: shipped code is for any processor.
         key = key[0], (key[1][0], *_ANY_PROCESSOR), key[2]
         return key, shipped() / self._path(key).name
 
     def _path(self, key: Any) -> Path:
+        """Return the file of a key, which names signature, processor and code."""
         digest = hashlib.sha256(self._source + repr(key).encode()).hexdigest()
         return folder() / f"{self._prefix}{digest[:16]}{_SUFFIX}"
 
 
 @contextlib.contextmanager
 def _locked(path: Path, kernel: str) -> Iterator[None]:
-    """Hold a lock file if it is free within `_LONGEST_WAIT`; say once what is waited for."""
-    from filelock import FileLock, Timeout  # not for saved kernels
+    """Hold a lock file if it is free within `_LONGEST_WAIT`, else go on without it."""
+    from filelock import FileLock, Timeout  # imported here, as saved kernels need no lock
 
     lock = FileLock(path, thread_local=False)
     try:
@@ -392,7 +404,7 @@ def _locked(path: Path, kernel: str) -> Iterator[None]:
     try:
         yield
     finally:
-        # before the release: a process that waits for the removed file makes a new one
+        # removed while locked: a process that waits for this file makes a new one
         with contextlib.suppress(OSError):  # Windows removes no open file
             path.unlink()
         lock.release()
@@ -400,14 +412,15 @@ def _locked(path: Path, kernel: str) -> Iterator[None]:
 
 @cache
 def _tell_waiting(path: Path, kernel: str) -> None:
-    """Print, once for a lock, what this process waits for: not a warning, which may be an error."""
+    """Print, once for a lock, what this process waits for."""
+    # not a warning, which filters may turn into an error
     longest = f"for {_LONGEST_WAIT:.0f} s at most"
     told = f"waiting {longest} for another process that compiles {kernel} and holds {path}"
     print(told, file=sys.stderr, flush=True)
 
 
 def _is_trusted(path: Path) -> bool:
-    """Return whether a saved kernel is one of this user; warn once of a folder that is not.
+    """Return whether nobody but this user can have written a saved kernel, else warn once.
 
     The folder inside the package is as trusted as the package.
     """
@@ -467,10 +480,11 @@ class _Entry(CPUDispatcher):
 
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:
+    """Return an entry point that compiles on its first call, and saves its code."""
     if _LINKED:
         options = {"pipeline_class": WholeCompiler, **options}
     compiled = njit(nogil=True, error_model="numpy", **options)(function)
-    if compiled is not function:  # as it is under NUMBA_DISABLE_JIT, for debuggers
+    if compiled is not function:  # NUMBA_DISABLE_JIT, for debuggers, leaves plain Python
         compiled._cache = KernelCache(function)
         compiled.__class__ = _Entry
     return compiled
@@ -487,7 +501,7 @@ def allocating_entry(function: Callable[..., Any]) -> Any:
 
 
 class _Below(CPUDispatcher):
-    """Dispatcher of a function below the entry points, without callable code."""
+    """Dispatcher of a function below the entry points, which has no wrapper for Python."""
 
     def __call__(self, *args: Any, **options: Any) -> Any:
         """Refuse a call from Python, which would end the process."""
@@ -516,10 +530,10 @@ outlined = _below()
 
 
 def record_type(fields: list[tuple[Any, ...]]) -> np.dtype[np.void]:
-    """Return the type of a record whose fields are attributes, as kernels read them.
+    """Return the type of a record whose fields kernels read as attributes.
 
-    Elements of numpy's arrays have such attributes as `numpy.record` alone, whose arrays numba
-    takes twice as long to recognise in a call: they are for plain Python, under NUMBA_DISABLE_JIT.
+    Plain Python, under NUMBA_DISABLE_JIT, has these attributes for `numpy.record` alone. numba
+    needs no such records, and takes twice as long to recognise an array of them in a call.
     """
     return np.dtype((np.record, fields) if config.DISABLE_JIT else fields)
 
@@ -534,7 +548,7 @@ def is_compiled(compiled: Any) -> bool:
 @contextlib.contextmanager
 def foreign_kernels() -> Iterator[None]:
     """Use this cache for the kernels of an imported package."""
-    # numba looks the class up when a function is decorated.
+    # numba looks this name up when a function is decorated with cache=True.
     module: Any = dispatcher
     original = module.FunctionCache
     module.FunctionCache = KernelCache

@@ -3,8 +3,7 @@
 Free paths are sampled by delta tracking [1]_. Scattering angles are interpolated between quantiles
 of the phase function. The angle is carried as ``s = sin^2(theta / 2)``: ``cos(theta) = 1 - 2 s``
 and ``sin(theta) = 2 sqrt(s (1 - s))`` then keep all digits at small angles, where most of the light
-of sea water goes. Tables are cells of the logarithm of the angle, with the integral of the function
-and the inverse of that.
+of sea water goes. The values of phase functions are tables over the logarithm of the angle.
 
 References
 ----------
@@ -27,12 +26,12 @@ from meshtrace.kernels.vectors import along, minus
 
 
 class PhaseTables(NamedTuple):
-    """Quantiles of a phase function, of one type for a single compilation of the kernels.
+    """Quantiles of a phase function, the same type for all, so that kernels compile once.
 
     Parameters
     ----------
     nodes : ndarray of float64, shape (n + 2,)
-        s^(1/e) at u = 0 ... k/n, then s at u = k/n ... 1.
+        s^(1/e) at u = 0, 1/n ... k/n, then s at u = k/n ... 1: the node k/n is held in both forms.
     powers : int
         Number k of the first intervals, in which s goes as a power of u.
     exponent : float
@@ -52,12 +51,11 @@ def sample_s(tables: PhaseTables, u: float) -> float:
     Quantiles are linear between equal steps of u. Only the first intervals pay for a power.
     """
     intervals = len(tables.nodes) - 2
-    # Quantiles at equal steps of u: the interval follows without a search (inversion of a tabulated
-    # distribution function).
+    # Inversion of a tabulated distribution function; at equal steps of u without a search.
     x = u * intervals
     i = min(int(x), intervals - 1)
-    # Near u = 0 the quantile s(u) rises as a power of u, since phase functions of sea water peak
-    # forwards; interpolation of s^(1/e) is exact for such a power law.
+    # Near u = 0 the quantile s(u) rises as u^e, since phase functions of sea water peak forwards;
+    # s^(1/e) is linear in u for such a power law.
     if x < tables.powers:
         y = tables.nodes[i]
         return min((y + (x - i) * (tables.nodes[i + 1] - y)) ** tables.exponent, 1.0)
@@ -65,7 +63,7 @@ def sample_s(tables: PhaseTables, u: float) -> float:
     return min(s + (x - i) * (tables.nodes[i + 2] - s), 1.0)
 
 
-SMALLEST_ANGLE = 1e-13  # [rad], first edge of the tables
+SMALLEST_ANGLE = 1e-13  # [rad], first edge of the tables over the logarithm of the angle
 
 
 class AngleTable(NamedTuple):
@@ -89,6 +87,7 @@ class AngleTable(NamedTuple):
 
 @inlined
 def _cell(table, theta):
+    """Return the index of the cell that holds an angle theta [rad]."""
     if theta <= table.edge[0]:
         return 0
     # Rounding may step over the last edge, pi.
@@ -98,7 +97,7 @@ def _cell(table, theta):
 
 @inlined
 def phase_at(table, theta):
-    """Return the phase function [sr-1] at an angle.
+    """Return the phase function [sr-1] at an angle theta [rad].
 
     Array twin: `PhaseFunction.pdf`, averaged over cells.
     """
@@ -106,64 +105,67 @@ def phase_at(table, theta):
 
 
 class DepthMode(IntEnum):
-    """Level from which the depth of a bubble is measured, `HallNovarini.depth`."""
+    """Level from which the depth of bubbles is measured, `BubblePopulation.depth`."""
 
-    NONE = 0
-    MEAN_LEVEL = 1
-    CLAMPED = 2
-    LOCAL = 3
+    NONE = 0  # no bubbles
+    MEAN_LEVEL = 1  # z = 0, with negative depths in crests
+    CLAMPED = 2  # z = 0, with the depth 0 in crests
+    LOCAL = 3  # the surface above the point
 
 
 class Absorption(IntEnum):
-    """Effect of an interaction on the weight, `Physics.absorption`."""
+    """Treatment of absorption, `Physics.absorption`."""
 
-    CONTINUOUS = 0
-    IMPLICIT = 1
-    ANALOG = 2
-    PAPER = 3
+    CONTINUOUS = 0  # exp(-a path) on the weight, free paths from b alone
+    IMPLICIT = 1  # the albedo on the weight at each scattering
+    ANALOG = 2  # photons end with the probability of absorption
+    PAPER = 3  # the albedo on the weight at each interaction, and as probability of a scattering
 
 
-_PIECES = 4  # of a path below a wavy surface
-_NO_RASTER = np.zeros((2, 2))
+_PIECES = 4  # of a path below a wavy surface; tuned: more follow its depth closer and cost time
+_NO_RASTER = np.zeros((2, 2))  # flat at z = 0, not read
 
 
 class Medium(NamedTuple):
-    """Optical properties of the water.
+    """Optical properties of the water, with z up and still water at z = 0.
 
     Layers are tabulated on a uniform grid of depths below z = 0, bubbles on a uniform grid of
-    depths below the level that `depth_mode` names.
+    depths below the level that `depth_mode` names. Rasters are heights z at the nodes
+    (raster_x + i raster_step, raster_y + j raster_step).
     """
 
     a: float  # absorption of homogeneous water [m-1]
     b: float  # scattering of homogeneous water [m-1]
-    n_water: float
+    n_water: float  # refractive indices
     n_air: float
-    layered: bool
+    layered: bool  # whether the tables of layers replace a and b
     layer_step: float  # [m]
-    layer_a: NDArray[np.float64]
-    layer_b: NDArray[np.float64]
+    layer_a: NDArray[np.float64]  # [m-1]
+    layer_b: NDArray[np.float64]  # [m-1]
     layer_a_path: NDArray[np.float64]  # integral of a from z = 0 [1]
     layer_b_path: NDArray[np.float64]  # integral of b from z = 0 [1]
     depth_mode: int  # DepthMode
     bubble_start: float  # depth of the first node [m]
-    bubble_step: float
-    bubble_b: NDArray[np.float64]  # [m-1]
+    bubble_step: float  # [m]
+    bubble_b: NDArray[np.float64]  # b_bub, scattering by bubbles [m-1]
     bubble_path: NDArray[np.float64]  # integral of b_bub from the first node [1]
-    b_max: float  # majorant of scattering [m-1]
-    c_max: float  # majorant of attenuation [m-1]
+    b_max: float  # upper bound of b + b_bub, rate of tentative collisions [m-1]
+    c_max: float  # the same of a + b + b_bub
     bottom_z: float  # -inf: none
     bottom_albedo: float
     absorption: int  # Absorption
     local_c: bool  # free paths with the coefficient at their start (paper, E6)
     phase_water: PhaseTables
     phase_bubble: PhaseTables
-    raster_x: float = 0.0
+    raster_x: float = 0.0  # first node [m]
     raster_y: float = 0.0
-    raster_step: float = 1.0
-    raster: NDArray[np.float64] = _NO_RASTER  # elevation, for depths below the local surface
+    raster_step: float = 1.0  # [m]
+    raster: NDArray[np.float64] = _NO_RASTER  # height of the topmost surface [m]
     overhangs: bool = False
-    raster_low: NDArray[np.float64] = _NO_RASTER  # lowest crossing over (x, y), under overhangs
-    raster_split: NDArray[np.float64] = _NO_RASTER  # middle of the air above it
+    # under overhangs: height of the lowest surface, and of the middle of the air between it and the
+    # underside of the jet [m]; elsewhere both are `raster`
+    raster_low: NDArray[np.float64] = _NO_RASTER
+    raster_split: NDArray[np.float64] = _NO_RASTER
 
 
 @inlined
@@ -182,12 +184,13 @@ def lookup(table, position):
 
 @inlined
 def local_elevation(medium, p):
-    """Return the elevation above or below a point from the rasters of the mesh.
+    """Return the height of the surface from which the depth of a point counts, by the rasters.
 
     Array twin: scipy.interpolate.RegularGridInterpolator.
-    Under an overhang that is the lowest crossing of the vertical, and in the jet the topmost.
+    Where the sea overhangs that is the lowest surface on the vertical for a point under the jet,
+    and the topmost for a point in it.
     """
-    # Below the middle of the air under a jet, the water ends at the lowest crossing.
+    # The middle of the air between them tells points under the jet from those in it.
     if medium.overhangs and p.z <= _on_raster(medium, medium.raster_split, p):
         return _on_raster(medium, medium.raster_low, p)
     return _on_raster(medium, medium.raster, p)
@@ -195,7 +198,7 @@ def local_elevation(medium, p):
 
 @inlined
 def _on_raster(medium, r, p):
-    """Return the value of a raster over a point, bilinear, clamped."""
+    """Return the bilinear interpolant of a raster at (p.x, p.y), constant outside."""
     nx, ny = r.shape
     # Just short of the last node, so that i + 1 and j + 1 exist.
     px = min(max((p.x - medium.raster_x) / medium.raster_step, 0.0), nx - 1.000001)
@@ -215,12 +218,11 @@ def bubble_scattering(medium, p):
     """
     if medium.depth_mode == DepthMode.NONE:
         return 0.0
-    # MEAN_LEVEL counts from z = 0, CLAMPED does too, LOCAL from the wave above
     depth = -p.z
     if medium.depth_mode == DepthMode.LOCAL:
         depth = local_elevation(medium, p) - p.z
-    # Crests stand above the mean level: Hall's profile is clamped to its value at the surface
-    # there, not extrapolated.
+    # In crests above z = 0, CLAMPED takes the profile's value at the surface and does not
+    # extrapolate; for LOCAL this removes the error of the raster next to the surface.
     if medium.depth_mode != DepthMode.MEAN_LEVEL:
         depth = max(depth, 0.0)
     position = (depth - medium.bubble_start) / medium.bubble_step
@@ -246,11 +248,11 @@ def absorption_path(medium, z0, z1, length):
     """Return the integral of a along a straight path from height z0 to z1.
 
     Array twin: quadrature of `Water` layers in the tests.
-    A cumulative table makes it exact at any slant; level paths take the local value.
+    A table of the integral makes it exact at any slant; level paths take the local value.
     """
     if not medium.layered:
         return medium.a * length
-    # The mean over the depths of the path is the mean along the path, as depth is linear in length.
+    # Depth is linear in length, so that the mean over the depths is the mean along the path.
     return length * mean_between(medium.layer_a, medium.layer_a_path, medium.layer_step, -z0, -z1)
 
 
@@ -295,7 +297,7 @@ def mean_between(table, path, step, d0, d1):
 
     Array twin: quadrature of `Water` layers in the tests.
     """
-    # The difference of the integrals would cancel: 1e-7 m leaves nine of sixteen digits.
+    # The difference of the integrals would cancel; at 1e-7 m some nine of sixteen digits are left.
     if abs(d1 - d0) < 1e-7:
         return lookup(table, 0.5 * (d0 + d1) / step)
     return (_cumulative(table, path, step, d1) - _cumulative(table, path, step, d0)) / (d1 - d0)
@@ -318,14 +320,13 @@ def _cumulative(table, path, step, depth):
 
 @inlined
 def sample_free_path(medium, p, u):
-    """Return a tentative free path [m]: exponential with the majorant.
+    """Return a tentative free path [m], exponential with the rate b_max or c_max.
 
     Array twin: -log(1 - u) / c.
     Delta tracking: a tentative collision is real with probability c(z) / c_max, which is exact
     for any profile; a homogeneous medium has no null collisions.
     """
-    # Absorption that is a weight takes no part in free paths: a longer mean path, and no photon
-    # lost.
+    # Continuous absorption is a weight, and takes no part in free paths.
     rate = medium.b_max if medium.absorption == Absorption.CONTINUOUS else medium.c_max
     if medium.local_c:
         a, b = water_coefficients(medium, p.z)
@@ -339,10 +340,11 @@ def sample_free_path(medium, p, u):
 
 @inlined
 def collide(medium, p, weight, u_kind, u_theta):
-    """Return (s, weight, by_bubble) after a tentative collision; s < 0 for an unchanged direction.
+    """Return (s, weight, by_bubble) after a tentative collision at p.
 
     Array twin: `tests/statistical`, chi-square of the mixture.
-    One uniform chooses null, water or bubble; weight 0 means absorbed (analog absorption).
+    u_kind chooses the kind of the collision, u_theta the angle: s = sin^2(theta / 2), or s < 0 for
+    an unchanged direction. A weight 0 is an absorbed photon (analog absorption).
     """
     a, b = water_coefficients(medium, p.z)
     b_bub = bubble_scattering(medium, p)
@@ -352,7 +354,7 @@ def collide(medium, p, weight, u_kind, u_theta):
         total, majorant = scatter, medium.b_max
     else:
         total, majorant = a + scatter, medium.c_max
-    if medium.local_c:
+    if medium.local_c:  # the paper knows no null collisions
         majorant = total
     # One uniform decides all: [0, b) water, [b, scatter) bubble, [scatter, total) absorption,
     # [total, majorant) null collision of delta tracking (Woodcock et al. 1965).
@@ -362,10 +364,10 @@ def collide(medium, p, weight, u_kind, u_theta):
     if mode == Absorption.IMPLICIT or mode == Absorption.PAPER:
         weight *= scatter / total
     if mode == Absorption.IMPLICIT:
-        # Implicit capture: the same uniform, compressed to the scattering part.
+        # Implicit capture: every collision scatters, and [0, total) is compressed to [0, scatter).
         pick *= scatter / total
     elif pick >= scatter:
-        # Algorithm 1 as published is weighted at every interaction, turned in few
+        # Absorption. In Algorithm 1 as published the photon goes on, with the weight of above (E5).
         return -1.0, 0.0 if mode == Absorption.ANALOG else weight, False
     if pick < b:
         return sample_s(medium.phase_water, u_theta), weight, False
@@ -383,7 +385,7 @@ def scattering_coefficients(medium, p):
 
 @inlined
 def depth_between(medium, p, q, length):
-    """Return the optical depth of absorption and scattering along a straight path from p to q.
+    """Return the optical depth a + b + b_bub over a straight path of a length from p to q.
 
     Array twin: see `scattering_path`.
     """

@@ -19,7 +19,8 @@ import numpy as np
 from meshtrace.errors import require_seed, require_whole
 from meshtrace.kernels.jit import inlined
 
-# Multipliers M and Weyl increments W (of the golden ratio and of sqrt 3 - 1) of the reference.
+# Multipliers M and increments W of the key, the golden ratio and sqrt 3 - 1 times 2^32, from the
+# reference; 32-bit words as uint64, masked by _LOW.
 _LOW = np.uint64(0xFFFFFFFF)
 _M0 = np.uint64(0xD2511F53)
 _M1 = np.uint64(0xCD9E8D57)
@@ -30,22 +31,25 @@ _TO_UNIT = 2.0**-32
 
 
 class Purpose(IntEnum):
-    """Purpose of a draw: each one is a separate random stream."""
+    """Purpose of a draw: each one is a separate random stream.
 
-    LAUNCH = 0
-    SOURCE = 1
+    The numbers are part of every result: a new purpose takes the next number.
+    """
+
+    LAUNCH = 0  # direction and source of a photon
+    SOURCE = 1  # place on an extended source
     COLLISION = 2
-    INTERFACE = 3
+    INTERFACE = 3  # crossing of the surface
     ROULETTE = 4
-    BOTTOM = 5
-    CHAIN = 6
-    APERTURE = 7
-    SLOPE = 8
-    JOIN = 9
-    JOIN_SLOPE = 10
-    GUIDE = 11
-    TRIAL = 12
-    SERIES = 13
+    BOTTOM = 5  # reflection by the bottom
+    CHAIN = 6  # not drawn; the number stays taken
+    APERTURE = 7  # of a photon that joins a target where it meets the surface
+    SLOPE = 8  # of unresolved waves at a crossing
+    JOIN = 9  # whether a collision is connected to a target
+    JOIN_SLOPE = 10  # crossing of that connection
+    GUIDE = 11  # direction towards a target
+    TRIAL = 12  # starts of searches for further crossings
+    SERIES = 13  # rejection of slopes that are not Gaussian
 
 
 @inlined
@@ -81,9 +85,9 @@ def uniforms(seed, photon, event, purpose):
 
     Array twin: `philox` words as (word + 1/2) / 2^32.
     32 bits each, so that one Philox call serves a whole scattering event; the resolution of
-    2.3e-10 is far below any Monte Carlo error and neither 0 nor 1 can occur.
+    2.3e-10 is far below any Monte Carlo error.
     """
-    # Half a step off the ends: log(u) and log(1 - u) stay finite.
+    # Half a step off the ends 0 and 1: log(u) and log(1 - u) stay finite.
     w0, w1, w2, w3 = philox(seed, photon, event, purpose)
     return (
         (np.float64(w0) + 0.5) * _TO_UNIT,
@@ -94,13 +98,13 @@ def uniforms(seed, photon, event, purpose):
 
 
 def realization_seed(seed: int, realization: int, word: int = 0) -> int:
-    """Return the seed of a realization: a word of `numpy.random.SeedSequence([seed, i])`.
+    """Return the seed of a realization i: a word of `numpy.random.SeedSequence([seed, i])`.
 
     Word 0 seeds the phases of a sea, word 1 the photons of a separate run.
     """
     require_seed(seed)
     require_whole(realization, 0, 2**32 - 1, "realization")
     require_whole(word, 0, 2**16, "word")
-    # hashed, so that neighbouring seeds and realizations are no neighbours
+    # SeedSequence hashes: neighbouring seeds and realizations give unrelated seeds
     sequence = np.random.SeedSequence([seed, realization])
     return int(sequence.generate_state(word + 1)[word])

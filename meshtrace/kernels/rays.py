@@ -1,11 +1,11 @@
 """Facets that rays meet: by the C interface of Embree, on the grid of a height field, in bins.
 
-`first_facet` casts a ray by Embree, or by a function with its signature. `grid_facet` finds the
+`first_facet` casts a ray by Embree, or by a function with its signature. `grid_facet` looks up the
 facet that steep light meets on a height field over a grid without ray casting: a ray that climbs or
 falls much faster than the steepest facet meets a height field once, and Newton steps from cell to
-cell find that point. A point close to an edge is left to Embree: the facet that single precision
-would choose there is not known, and results are the same bit for bit with and without this
-shortcut. `is_free` walks over the bins of a locator.
+cell lead to that point. A point close to an edge is left to Embree, since the facet that its single
+precision would choose there is not known: results are the same bit for bit with and without this
+shortcut. `is_free` tests a path against the facets in the bins of a locator.
 """
 
 from __future__ import annotations
@@ -26,31 +26,31 @@ from meshtrace.kernels.jit import config, entry, inlined, outlined
 from meshtrace.kernels.vectors import along, write
 
 RAY_WORDS = 32
-"""Words of 4 bytes for an `RTCRayHit`, of which Embree 4.4 has 24 with its padding."""
+"""Words of 4 bytes that a ray takes here; an `RTCRayHit` of Embree 4.4 has 24 with its padding."""
 
-_FAR = np.float32(1e37)  # length of a ray: any hit counts, short of infinity
-_ALIGNMENT = 64  # bytes, a line of the cache
+_FAR = np.float32(1e37)  # longest distance of a hit, finite in single precision
+_ALIGNMENT = 64  # bytes, a line of the processor's cache
 
 
 class Word(IntEnum):
-    """Words of an `RTCRayHit` in rtcore_ray.h."""
+    """Positions of the words of an `RTCRayHit` in rtcore_ray.h."""
 
-    ORIGIN = 0
+    ORIGIN = 0  # x, y, z
     NEAR = 3
-    DIRECTION = 4
+    DIRECTION = 4  # x, y, z
     TIME = 7
-    FAR = 8
+    FAR = 8  # distance of the hit afterwards
     MASK = 9
     ID = 10
     FLAGS = 11
-    FACET = 17
+    FACET = 17  # primID
     GEOMETRY = 18
     INSTANCE = 19
 
 
 @intrinsic
 def _compiled_call(typing_context: Any, address: Any, scene: Any, ray: Any) -> Any:
-    """Call `void f(RTCScene, RTCRayHit *, RTCIntersectArguments * = NULL)`."""
+    """Call `void f(RTCScene, RTCRayHit *, RTCIntersectArguments * = NULL)` from a kernel."""
 
     def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         byte = ir.IntType(8).as_pointer()
@@ -63,7 +63,7 @@ def _compiled_call(typing_context: Any, address: Any, scene: Any, ray: Any) -> A
 
 
 def _plain_call(address: int, scene: int, ray: int) -> None:
-    """Call the same function without the JIT."""
+    """Call the function of `_compiled_call` from Python, under NUMBA_DISABLE_JIT."""
     ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)(address)(scene, ray, None)
 
 
@@ -73,7 +73,7 @@ _call: Any = _plain_call if config.DISABLE_JIT else _compiled_call
 @inlined
 def _prepare(ray, word):
     """Write all that Embree reads of a ray but its origin and direction."""
-    # Embree writes its answer over these words, so that they are set before every ray.
+    # Embree writes its answer over some of these words: they are set before every ray.
     ray[Word.NEAR.value] = ray[Word.TIME.value] = 0.0
     ray[Word.FAR.value] = _FAR
     word[Word.MASK.value] = -1
@@ -87,7 +87,8 @@ def cast(intersect, scene, rays, words, origins, directions, out):
 
     Array twin: `run` of embreex.
     `rays` and `words` are one buffer with a row for each ray of a block, as single precision and
-    as integers: a row is complete some time before Embree reads it, else that read would wait.
+    as 32-bit integers. A block is written as a whole before Embree reads it: a vector read right
+    after the writes of its parts would wait for them.
     """
     start, block = rays.ctypes.data, len(rays)
     for first in range(0, len(origins), block):
@@ -105,12 +106,12 @@ def cast(intersect, scene, rays, words, origins, directions, out):
 
 
 class Bvh(NamedTuple):
-    """Function that finds the first facet along a ray, with a buffer for one ray."""
+    """Function that looks up the first facet along a ray, with a buffer for one ray."""
 
     intersect: int  # address of `rtcIntersect1`, or of a function of its signature
     scene: int  # its first argument
     ray: NDArray[np.float32]  # (RAY_WORDS,)
-    word: NDArray[np.int32]  # the same memory
+    word: NDArray[np.int32]  # the same memory as integers
 
 
 def bvh_of(intersect: int, scene: int) -> Bvh:
@@ -121,14 +122,14 @@ def bvh_of(intersect: int, scene: int) -> Bvh:
 
 def aligned_rays(n: int) -> NDArray[np.float32]:
     """Return a buffer for n rays, aligned as Embree reads them."""
-    room = np.zeros(n * RAY_WORDS + _ALIGNMENT // 4, np.float32)
+    buffer = np.zeros(n * RAY_WORDS + _ALIGNMENT // 4, np.float32)
     # Embree reads rays by aligned vector instructions; numpy aligns to 16 bytes only.
-    skipped = -room.ctypes.data % _ALIGNMENT // 4
-    return room[skipped : skipped + n * RAY_WORDS].reshape(n, RAY_WORDS)
+    skipped = -buffer.ctypes.data % _ALIGNMENT // 4
+    return buffer[skipped : skipped + n * RAY_WORDS].reshape(n, RAY_WORDS)
 
 
 NO_BVH = bvh_of(0, 0)
-"""No function: it must not be called."""
+"""Null pointers for kernels that cast no ray: not to be called."""
 
 
 @inlined
@@ -145,29 +146,32 @@ def first_facet(bvh, p, d):
     return np.int64(word[Word.FACET.value])
 
 
-_HAIR = 1e-4  # by which a path is shortened at its ends, over 1 + its length: more than Newton and
-# differences of normals err, less than any wave
+# Length cut off the start of a path, and twice at its end, over 1 + its length: more than the
+# errors of Newton's method and of normals that differ from the facet's, less than any wave.
+_HAIR = 1e-4
 
 
 @outlined
 def is_free(p, d, length, surface, grid):
-    """Return whether the surface leaves a straight path free.
+    """Return whether no facet cuts the straight path from p along d over a length.
 
     Array twin: `EmbreeIntersector.intersect`.
-    A path may start or end on the surface: it is shortened by a hair at both ends. Only its part
-    between the lowest trough and the highest crest is searched, in the bins of a locator; the few
-    paths that leave these are compared with every facet.
+    A path that starts or ends on the surface is not cut there: it is shortened at both ends. Only
+    its part between the lowest trough and the highest crest is searched, in the bins of a locator;
+    the few paths that leave these are compared with every facet.
     """
     hair = _HAIR * (1.0 + length)
-    # A path leaves or meets the surface at its ends, which must not count as cut by it.
     first, last = _between(p.z, d.z, hair, length - 2.0 * hair, surface)
     return first >= last or not _is_cut(p, d, first, last, surface, grid)
 
 
 @inlined
 def _between(z, rise, first, last, surface):
-    """Return the part of a path that lies between the lowest trough and the highest crest."""
-    # Only between the lowest trough and the highest crest can a path meet the surface.
+    """Return the part of a path between the lowest trough and the highest crest.
+
+    Only there can it meet the surface. The path is first <= t <= last, from the height z with
+    d.z = rise; without such a part the first number is above the last.
+    """
     low, high = surface.low[2], surface.high[2]
     if rise == 0.0:
         return first, (last if low <= z <= high else -math.inf)
@@ -198,7 +202,7 @@ def _is_cut(p, d, first, last, surface, grid):
                 return True
         return False
     for i in range(math.floor(west), math.floor(east) + 1):
-        # part of the path over this column of bins
+        # the part of the path over this column of bins, i
         t0, t1 = first, last
         if d.x != 0.0:
             enter = (grid.x + i * grid.step - p.x) / d.x
@@ -217,18 +221,18 @@ def _is_cut(p, d, first, last, surface, grid):
 
 
 UNKNOWN = np.int64(-2)
-"""Facet of a ray that the intersector must answer."""
+"""Answer of `grid_facet` for a ray that must be cast."""
 
-_STEPS = 8  # cells visited at most: steep light needs two or three, Embree answers the others
+_STEPS = 8  # cells visited at most: steep light needs two or three, other rays are cast
 
 
 class Axis(NamedTuple):
-    """Increasing grid lines, and for equal bins the line at or before each."""
+    """Increasing grid lines, and equal bins by which the cell of a coordinate is looked up."""
 
-    line: NDArray[np.float64]  # (n,) the last one replaced by infinity
-    per_edge: NDArray[np.float64]  # (n - 1,) [m-1]
-    guide: NDArray[np.int64]  # (bins,) line at or before each bin; one line inside it at most
-    per_bin: float  # [m-1]
+    line: NDArray[np.float64]  # (n,) [m], the last one replaced by infinity
+    per_edge: NDArray[np.float64]  # (n - 1,) 1 over the width of a cell [m-1]
+    guide: NDArray[np.int64]  # (bins,) index of the last line at or before the start of a bin
+    per_bin: float  # 1 over the width of a bin, which holds one line at most [m-1]
 
 
 class Grid(NamedTuple):
@@ -236,11 +240,11 @@ class Grid(NamedTuple):
 
     x: Axis
     y: Axis
-    level: float  # height of the first guess [m]
-    steep: float  # least squared ratio of vertical to horizontal components of a ray
-    rounding: float  # of a coordinate, relative
-    height: float  # range and largest size of heights, for the rounding of z [m]
-    clear: float  # least distance of the facet: a ray must not meet the one that it leaves [m]
+    level: float  # height of the first guess, between lowest and highest vertex [m]
+    steep: float  # least (dz / dxy)^2 of a ray that is answered
+    rounding: float  # relative rounding error of a coordinate in single precision
+    height: float  # range of the heights plus the largest |z|, for the rounding of z [m]
+    clear: float  # least distance to the facet: a ray must not meet the one that it leaves [m]
     flat: bool  # whether all heights are the level
 
 
@@ -250,11 +254,11 @@ def cell_of(axis, x):
 
     Array twin: numpy.searchsorted.
     """
-    # Equal bins of at most one grid line each: the cell follows without a search.
-    at = (x - axis.line[0]) * axis.per_bin
-    if not 0.0 <= at < len(axis.guide):
+    # A bin holds one grid line at most: the cell is that of its start, or the next one.
+    position = (x - axis.line[0]) * axis.per_bin
+    if not 0.0 <= position < len(axis.guide):
         return -1
-    i = axis.guide[int(at)]
+    i = axis.guide[int(position)]
     return i + np.int64(axis.line[i + 1] <= x)
 
 
@@ -263,6 +267,7 @@ def grid_facet(grid, vertices, p, d):
     """Return the facet that a ray meets, `UNKNOWN` if it is not steep or passes close to an edge.
 
     Array twin: `BruteForceIntersector`.
+    p is the origin of the ray, d its unit direction; vertex i ny + j lies at (line i, line j).
     """
     # A ray less steep than the steepest facet may meet the surface several times, in any order.
     if d.z * d.z < grid.steep * (d.x * d.x + d.y * d.y):
@@ -280,30 +285,31 @@ def grid_facet(grid, vertices, p, d):
         i, j = cell_of(grid.x, x), cell_of(grid.y, y)
         if i < 0 or j < 0:
             return UNKNOWN
-        # the diagonal is u = v, in odd cells after a reflection of u; without branches, of which
-        # half would be predicted wrongly
+        # (u, v) from 0 to 1 over the cell, with u reflected in odd cells, whose diagonal is the
+        # other one: it is u = v in all. Corners a, b, c, d lie at (0, 0), (1, 0), (1, 1), (0, 1).
+        # Without branches, of which half would be predicted wrongly.
         odd = (i + j) & 1
-        sign, left = 1.0 - 2.0 * odd, i * ny + j
-        a, b = left + odd * ny, left + (1 - odd) * ny
+        sign, corner = 1.0 - 2.0 * odd, i * ny + j
+        a, b = corner + odd * ny, corner + (1 - odd) * ny
         za, zb, zc, zd = vertices[a, 2], vertices[b, 2], vertices[b + 1, 2], vertices[a + 1, 2]
         per_x, per_y = grid.x.per_edge[i], grid.y.per_edge[j]
         u = odd + sign * (x - grid.x.line[i]) * per_x
         v = (y - grid.y.line[j]) * per_y
         # Height is linear in (u, v) on either triangle: one Newton step meets its plane exactly.
         du, dv = sign * d.x * per_x, d.y * per_y
-        first = u > v
-        rise_u = zb - za if first else zc - zd
-        rise_v = zc - zb if first else zd - za
+        below_diagonal = u > v
+        rise_u = zb - za if below_diagonal else zc - zd
+        rise_v = zc - zb if below_diagonal else zd - za
         step = (za + u * rise_u + v * rise_v - z) / (d.z - du * rise_u - dv * rise_v)
         t += step
         u, v = u + step * du, v + step * dv
         inside = min(min(u, 1.0 - u), min(v, 1.0 - v))
-        inside = min(inside, u - v if first else v - u)
-        # Within rounding of an edge single precision may choose either facet: left to Embree, so
-        # that results are the same bit for bit with and without this shortcut.
+        inside = min(inside, u - v if below_diagonal else v - u)
+        # `inside` is the least distance to an edge of the triangle in cells, negative outside.
+        # Within rounding of an edge single precision may choose either facet: left to Embree.
         margin = grid.rounding * (abs(x) + abs(y) + grid.height) * max(per_x, per_y)
         if inside > margin:
-            facet = 2 * (left - i) + np.int64(u <= v)
+            facet = 2 * (corner - i) + np.int64(u <= v)
             return facet if t > grid.clear else UNKNOWN
         if inside > -margin:
             return UNKNOWN
@@ -312,7 +318,7 @@ def grid_facet(grid, vertices, p, d):
 
 @inlined
 def facet_over(grid, x, y):
-    """Return the facet of a grid over (x, y), -1 outside.
+    """Return the facet of a grid at (x, y), -1 outside.
 
     Array twin: `scene.locate`.
     """

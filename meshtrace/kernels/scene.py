@@ -1,6 +1,7 @@
-"""One source, one surface and one aperture, and the bins that find the facet over a point.
+"""One source, one surface and one aperture, and the bins by which the facet at (x, y) is looked up.
 
-Lengths are in the unit of the frame of a link, called m here.
+Lengths are in the unit of the local frame of a link, `Link.unit`, called m here; z is up from still
+water.
 """
 
 from __future__ import annotations
@@ -17,16 +18,17 @@ from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.vectors import ORIGIN, Vec2, Vec3, cross, minus, norm, row
 
 FLAT_SEA = np.int64(-1)
-"""Facet that stands for a flat sea; of the type of all facets, so that kernels compile once."""
+"""Facet that stands for a flat sea; an int64 as all facets, so that kernels compile once."""
 
 FACET = record_type(
     [
         ("radius", float),  # largest horizontal distance of a corner from the centroid [m]
-        ("curvature", float),  # largest change of slope along an edge over its length [m-1]
-        ("x", float),  # centroid
+        # largest change of slope along an edge over the edge's horizontal length [m-1]
+        ("curvature", float),
+        ("x", float),  # centroid [m]
         ("y", float),
         ("z", float),
-        ("slope_x", float),
+        ("slope_x", float),  # dz/dx and dz/dy of the facet's plane
         ("slope_y", float),
     ]
 )
@@ -34,44 +36,45 @@ FACET = record_type(
 
 
 class Emitter(NamedTuple):
-    """A source: position, axis and angular distribution; an aperture whose light is reversed."""
+    """The end that chains start from: a source, or an aperture from which light is traced back."""
 
     position: Vec3
     axis: Vec3  # unit vector along the brightest light
     kind: int  # SourceKind
     spread: float  # Lambertian order, or half-angle of divergence or field of view [rad]
-    norm: float  # intensity on the axis [sr-1]
+    norm: float  # intensity on the axis for a power of 1 [sr-1]
     # Reciprocity: chains of a downlink start at the receiver, whose etendue stands for its power.
     power: float = 1.0  # 1, or the etendue of an aperture [m2 sr]
     radius: float = 0.0  # of the disk that the chains start from [m], 0 for a point
-    e1: Vec3 = ORIGIN  # unit vectors in the plane of the disk
+    e1: Vec3 = ORIGIN  # perpendicular unit vectors in the plane of the disk
     e2: Vec3 = ORIGIN
 
 
 class Target(NamedTuple):
-    """An aperture, its plane, and the region of crossings to it; or a lamp, reached backwards."""
+    """The end that chains lead to: an aperture, or the lamp of light traced back."""
 
     center: Vec3
-    axis: Vec3  # direction of light at normal incidence
-    e1: Vec3  # unit vectors in the plane of the aperture
+    axis: Vec3  # direction in which light at normal incidence travels
+    e1: Vec3  # perpendicular unit vectors in the plane of the aperture
     e2: Vec3
-    area: float  # of the aperture [m2]; the square of the relative index for a lamp
-    radius: float
-    cos_half_fov: float
+    # of the aperture [m2]; for a lamp (n_water / n_air)^2, as radiance over n^2 is conserved
+    area: float
+    radius: float  # [m]
+    cos_half_fov: float  # of the angle between light and axis
     tan_half_fov: float
     reach: float  # largest horizontal distance of a crossing inside the field of view [m]
-    sin_widest: float  # sine of the largest angle of accepted light from the vertical
+    sin_widest: float  # sine of the largest angle between accepted light and the vertical
     is_lamp: bool
     lamp: Emitter  # pattern of the lamp
 
 
 class Locator(NamedTuple):
-    """Square bins over (x, y) that list the facets in each: which facet lies over a point.
+    """Square bins over (x, y), each with a list of the facets that may touch it.
 
     Bin (i, j) is number i ny + j; its facets are `facet[start[number] : start[number + 1]]`.
     """
 
-    x: float  # lower corner [m]
+    x: float  # corner of bin (0, 0) [m]
     y: float
     step: float  # edge of a bin [m]
     nx: int
@@ -83,8 +86,9 @@ class Locator(NamedTuple):
 class Scene(NamedTuple):
     """One source, one surface and one aperture.
 
-    A mirrored scene is turned upside down: its source lies in the air, drawn below the surface,
-    and the indices of its medium are interchanged.
+    Chains start below the surface and end above it. A mirrored scene is turned upside down for
+    this: its source lies in the air, drawn below the surface, and the refractive indices of its
+    medium are interchanged.
     """
 
     emitter: Emitter
@@ -99,7 +103,7 @@ class Scene(NamedTuple):
 
 @inlined
 def height_on(x, y, facet, surface):
-    """Return the height of a facet's plane over (x, y); facet -1 is a flat sea.
+    """Return the height of a facet's plane at (x, y); facet -1 is a flat sea.
 
     Array twin: barycentric interpolation of the corners.
     """
@@ -107,13 +111,13 @@ def height_on(x, y, facet, surface):
         return surface.level
     a = row(surface.vertices, surface.faces[facet, 0])
     n = row(surface.face_normals, facet)
-    # (P - a) . n = 0, solved for z: no barycentrics, and continued beyond the facet
+    # (p - a) . n = 0, solved for p.z: no barycentrics, and continued beyond the facet
     return a.z - ((x - a.x) * n.x + (y - a.y) * n.y) / n.z
 
 
 @inlined
 def locate(locator, surface, x, y):
-    """Return the facet over (x, y), -1 outside.
+    """Return the facet at (x, y), -1 where there is none.
 
     Array twin: vertical rays of `BruteForceIntersector`.
     """
@@ -132,8 +136,8 @@ def locate(locator, surface, x, y):
 
 @inlined
 def bins_near(x, y, radius, grid):
-    """Return the first and last bins, along x and along y, within a radius of a point."""
-    # clipped: beside the bins no facet is listed
+    """Return the first and last bins of a locator, along x and y, within a radius of (x, y)."""
+    # clipped: beside the bins no facet is listed; a last bin below the first stands for none
     i0 = max(int((x - radius - grid.x) / grid.step), 0)
     i1 = min(int((x + radius - grid.x) / grid.step), grid.nx - 1)
     j0 = max(int((y - radius - grid.y) / grid.step), 0)
@@ -143,9 +147,9 @@ def bins_near(x, y, radius, grid):
 
 @inlined
 def is_first_bin(i, j, i0, j0, f, surface, grid):
-    """Return whether bin (i, j) is the first bin from (i0, j0) on that lists a facet."""
+    """Return whether bin (i, j) is the first that lists facet f, in a search from bin (i0, j0)."""
     a, b, c = corners(surface.vertices, f, surface.faces)
-    # A facet is listed in all bins that it touches: taken in the first of those searched, once.
+    # A facet is listed in all bins that its bounding box touches, and is to count once.
     fi = _bin_of(min(a.x, b.x, c.x), grid.x, grid.step, grid.nx)
     fj = _bin_of(min(a.y, b.y, c.y), grid.y, grid.step, grid.ny)
     return i == max(fi, i0) and j == max(fj, j0)
@@ -153,13 +157,14 @@ def is_first_bin(i, j, i0, j0, f, surface, grid):
 
 @inlined
 def _bin_of(x, start, step, n):
-    """Return the bin of a coordinate, clipped before the conversion: it may not fit an integer."""
+    """Return the bin of a coordinate, -1 below the first and n above the last."""
+    # clipped as a float: a coordinate far outside may not fit an integer
     return math.floor(max(min((x - start) / step, float(n)), -1.0))
 
 
 @inlined
 def _span(p, q):
-    """Return the squared horizontal distance of two points."""
+    """Return the squared horizontal distance between two points [m2]."""
     return (p.x - q.x) ** 2 + (p.y - q.y) ** 2
 
 
@@ -173,10 +178,11 @@ def _bend(m, n):
 def facet_normals(vertices, faces, normal, area):
     """Write the unit normals of facets (m, 3), and twice their areas (m,) [m2].
 
-    Returns the lowest and the highest corner and the square of the largest slope.
+    Returns the lowest and the highest corner of the bounds and the square of the largest slope.
 
     Array twin: numpy.cross of edges.
-    A facet without area has a normal that is no number.
+    The normal points up for corners that run counter-clockwise as seen from above; it is nan for a
+    facet without area.
     """
     low, high = Vec3(math.inf, math.inf, math.inf), Vec3(-math.inf, -math.inf, -math.inf)
     steepest = 0.0
@@ -198,20 +204,20 @@ def facet_summary(surface, out):
     """Write the `FACET` record of each facet.
 
     Array twin: numpy.linalg.norm over corners.
-    The curvature of faceted normals is 0.
+    The curvature is 0 where normals are not interpolated.
     """
     for f in range(len(surface.faces)):
         a, b, c = corners(surface.vertices, f, surface.faces)
-        k, m, n = corners(surface.vertex_normals, f, surface.faces)
+        n_a, n_b, n_c = corners(surface.vertex_normals, f, surface.faces)
         x, y, z = (a.x + b.x + c.x) / 3.0, (a.y + b.y + c.y) / 3.0, (a.z + b.z + c.z) / 3.0
         middle = Vec2(x, y)
-        # horizontal: bounds over (x, y) are bounds of projections
+        # horizontal distances: searches for a facet go over (x, y)
         out[f].radius = math.sqrt(max(_span(a, middle), _span(b, middle), _span(c, middle)))
         # Change of the interpolated slope per length: bounds how far the image of a facet departs
         # from that of a plane.
-        curvature = max(_bend(k, m) / _span(a, b), _bend(m, n) / _span(b, c))
-        curvature = max(curvature, _bend(n, k) / _span(c, a))
-        out[f].curvature = math.sqrt(curvature) if surface.interpolate else 0.0
+        squared = max(_bend(n_a, n_b) / _span(a, b), _bend(n_b, n_c) / _span(b, c))
+        squared = max(squared, _bend(n_c, n_a) / _span(c, a))
+        out[f].curvature = math.sqrt(squared) if surface.interpolate else 0.0
         out[f].x, out[f].y, out[f].z = x, y, z
         g = row(surface.face_normals, f)
         out[f].slope_x, out[f].slope_y = -g.x / g.z, -g.y / g.z
@@ -219,7 +225,10 @@ def facet_summary(surface, out):
 
 @entry
 def count_bins(surface, grid, bins):
-    """Count the facets of each bin into `grid.start[1:]`, and write the bin of each vertex."""
+    """Count the facets of each bin into `grid.start[1:]`, and write the bin (i, j) of each vertex.
+
+    `bins` is (n, 2), for `fill_bins`; the caller sums `start` up in between.
+    """
     # two passes, counts and then lists: arrays of the right size without a list for each bin
     for v in range(len(surface.vertices)):
         bins[v, 0] = _bin_of(surface.vertices[v, 0], grid.x, grid.step, grid.nx)
@@ -246,8 +255,8 @@ def fill_bins(surface, grid, bins, cursor):
 @inlined
 def _bin_range(faces, f, grid, bins):
     """Return the first and last bins, along x and along y, that a facet may touch."""
+    # those of its bounding box, cut to the grid
     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
     i0, j0 = min(bins[a, 0], bins[b, 0], bins[c, 0]), min(bins[a, 1], bins[b, 1], bins[c, 1])
     i1, j1 = max(bins[a, 0], bins[b, 0], bins[c, 0]), max(bins[a, 1], bins[b, 1], bins[c, 1])
-    # Bounding box of the facet, cut to the grid.
     return max(i0, 0), min(i1, grid.nx - 1), max(j0, 0), min(j1, grid.ny - 1)

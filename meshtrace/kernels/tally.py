@@ -1,8 +1,8 @@
 """Scores: apertures, horizontal planes, maps, the ledger of fates.
 
-Weights of the ledger and of maps are added as integers of 2^-44: integer sums do not depend on
-their order, so they are the same bit for bit for any thread count and batch size. Scores whose
-error is estimated are kept per photon and added in photon order.
+Weights of the ledger, of maps and of radiances are added as integers in units of 2^-44: integer
+sums do not depend on their order, so they are the same bit for bit for any thread count and batch
+size. Scores whose error is estimated are stored for each photon and added in the order of photons.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from meshtrace.kernels.tints import (
 )
 from meshtrace.kernels.vectors import TWO_PI, UP, Vec3, along, dot, minus, norm, row, scaled
 
-# 2^44 leaves 2^19 photons of weight 1 in 63 bits of each sum, and an error of 6e-14 of one.
+# 63 bits hold 2^19 photons of weight 1; rounding is 2^-45 = 3e-14 of such a photon at most.
 SCALE = 2.0**44
 UNIT = 2.0**-44
 
@@ -49,18 +49,18 @@ class Fate(IntEnum):
     BOTTOM = 5  # absorbed there
     LEFT_DOMAIN = 6  # beyond the mesh
     LEAKED = 7  # through a gap of single precision between facets
-    ROULETTE = 8
-    EVENT_LIMIT = 9
+    ROULETTE = 8  # ended at random for its small weight
+    EVENT_LIMIT = 9  # ended after too many events
     DEEP = 10  # so deep that it cannot return
 
 
 class PlaneScore(IntEnum):
     """Scores of an irradiance plane, in the order of their columns."""
 
-    E_D = 0  # plane irradiance, downwards
-    E_U = 1  # upwards
-    E_OD = 2  # scalar irradiance, downwards
-    E_OU = 3
+    E_D = 0  # plane irradiance of light that travels down
+    E_U = 1  # and up
+    E_OD = 2  # scalar irradiance of light that travels down
+    E_OU = 3  # and up
 
 
 N_PLANE_SCORES = len(PlaneScore)
@@ -73,42 +73,46 @@ ARRIVAL = record_type(
     [
         ("photon", np.int64),
         ("receiver", np.int64),
-        ("part", np.int64),  # of the light
+        ("part", np.int64),  # DIRECT, SCATTERED or REFLECTED
         ("order", np.int64),  # scatterings, and reflections by the bottom
         ("weight", float),
         ("water", float),  # path in the water [m]
-        ("air", float),
+        ("air", float),  # path in the air [m]
         ("cosine", float),  # of the angle of arrival to the axis of the aperture
         ("tint", float, (TINTS,)),  # see `meshtrace.kernels.tints`
     ]
 )
-"""Light of a photon that enters an aperture."""
+"""Light of a photon that enters an aperture.
+
+Backward photons record the height of their last event in `air` [m] and its angle in `water` [rad].
+"""
 
 
 class Apertures(NamedTuple):
     """Disks that collect light, one row each."""
 
     center: NDArray[np.float64]  # (n, 3)
-    axis: NDArray[np.float64]  # (n, 3) direction of light at normal incidence
-    radius: NDArray[np.float64]
-    cos_half_fov: NDArray[np.float64]
+    axis: NDArray[np.float64]  # (n, 3) direction in which light at normal incidence travels
+    radius: NDArray[np.float64]  # [m]
+    cos_half_fov: NDArray[np.float64]  # of half the full field of view
     tan_half_fov: NDArray[np.float64]
     in_water: NDArray[np.bool_]
-    any_in_water: bool
+    any_in_water: bool  # whether any of them is
 
 
 class MapGrid(NamedTuple):
-    """Cells of a map on a level plane, and the light that they collect; none by default."""
+    """Square cells of a map on a level plane, for apertures of one axis; none by default."""
 
     n: int = 0  # cells along a side
-    z: float = 0.0
+    z: float = 0.0  # height of the plane [m]
     x: float = 0.0  # corner of the first cell [m]
     y: float = 0.0
-    step: float = 1.0
+    step: float = 1.0  # edge of a cell [m]
     axis: Vec3 = UP  # of the aperture that the map stands for
     cos: float = 0.0  # cosine of half its field of view
     mixture: Mixture = ALONE  # see `meshtrace.kernels.tints`
-    scale: NDArray[np.float64] = np.ones(1)  # (wavelengths,) that keeps the digits of deep light
+    # (wavelengths,) factors on weights, large for deep light, whose digits units of 2^-44 would cut
+    scale: NDArray[np.float64] = np.ones(1)
 
 
 class Tallies(NamedTuple):
@@ -120,11 +124,11 @@ class Tallies(NamedTuple):
     misses: NDArray[np.int64]  # (2,) rays that slipped between facets: cast again, lost
     planes: NDArray[np.float64]  # heights z of the irradiance planes [m], falling
     # (groups, planes, cosines, azimuths) in units of 2^-44; cosines of the direction of
-    # travel to +z from 1 (upwards) to -1, its azimuths from +x
+    # travel to +z from 1 (upwards) to -1, its azimuths from +x; photons take turns in the groups
     radiance: NDArray[np.int64]
     grid: MapGrid
-    map_tint: NDArray[np.float64]  # (tints,) of the path under way
-    map_factors: Factors  # of the path under way
+    map_tint: NDArray[np.float64]  # (tints,) scratch, sums of the path that is scored
+    map_factors: Factors  # scratch, of the same path
     map: NDArray[np.int64]  # (n, n, wavelengths) scaled weights in units of 2^-44
     map_squared: NDArray[np.int64]  # (n, n, wavelengths) their squares
     arrivals: NDArray[np.void]  # (capacity,) ARRIVAL
@@ -137,9 +141,9 @@ class Segment(NamedTuple):
     origin: Vec3
     direction: Vec3
     length: float  # [m]
-    weight: float
+    weight: float  # at its start
     water: float  # path before it, in the water [m]
-    air: float
+    air: float  # and in the air
 
 
 @inlined
@@ -148,7 +152,7 @@ def units(weight):
 
     Array twin: numpy.floor.
     """
-    # Integer sums are associative: the same bits for any order of threads.
+    # rounded to the nearest
     return np.int64(math.floor(weight * SCALE + 0.5))
 
 
@@ -163,11 +167,11 @@ def deposit(tallies, fate, weight):
 
 @inlined
 def crosses_aperture(apertures, i, flight, fov):
-    """Return the distance to aperture i if the path meets it inside its field of view, or -1.
+    """Return the distance to aperture i if a path meets it inside its field of view, or -1.
 
     Array twin: `tests/kernels/test_kernels_tally.py`.
-    The angle is tested against the aperture's axis; the paper tests the position of the
-    surface crossing instead, which accepts a superset (E11).
+    `flight` is the `Segment` of the path. The angle is tested against the aperture's axis; the
+    paper tests the position of the surface crossing instead, which accepts a superset (E11).
     """
     # First the cosine, which is cheap: most light of a scattering sea heads elsewhere.
     d, axis = flight.direction, row(apertures.axis, i)
@@ -178,13 +182,13 @@ def crosses_aperture(apertures, i, flight, fov):
     t = dot(way, axis) / facing
     if t <= 0.0 or t > flight.length:
         return -1.0
-    off = minus(scaled(t, d), way)
+    off = minus(scaled(t, d), way)  # from the centre to the point on the disk
     r = apertures.radius[i]
     if dot(off, off) > r * r:
         return -1.0
     if fov == FieldOfView.ANGLE:
         return t if facing >= apertures.cos_half_fov[i] * norm(d) else -1.0
-    # Erratum E11: the position of the crossing below the aperture stands for the angle.
+    # E11: the horizontal distance of the crossing, the start of this path, stands for the angle.
     reach = r + way.z * apertures.tan_half_fov[i]
     return t if way.x * way.x + way.y * way.y < reach * reach else -1.0
 
@@ -202,8 +206,8 @@ def score_apertures(q, in_water, flight, world):
     """Score a straight path of a photon on every aperture of a medium; return whether any took it.
 
     Array twin: the analytic disk integrals of the flat-sea tests.
-    q is the record of the photon, world all that it meets (`engine.photons.flight`). Water absorbs
-    up to the disk.
+    q is the record of the photon, `flight` the `Segment` of its path, world all that it meets
+    (`engine.photons.flight.World`). Water absorbs up to the disk.
     """
     received, tallies, apertures = False, world.tallies, world.apertures
     for i in range(len(apertures.radius)):
@@ -215,7 +219,7 @@ def score_apertures(q, in_water, flight, world):
         # An aperture is no obstacle: light goes on, and may be scored by several.
         received = True
         w, z = flight.weight, flight.origin.z
-        # photons are dimmed at the end of a path, after it has been scored
+        # the weight is that at the start: absorption follows at the end of a path, after its scores
         if in_water:
             w *= _transmission(world.medium, z, z + t * flight.direction.z, t)
         tallies.score[q.id - world.first, i] += w
@@ -226,6 +230,7 @@ def score_apertures(q, in_water, flight, world):
             a.air = flight.air + (0.0 if in_water else t)
             a.order = q.turned
             a.cosine = dot(flight.direction, row(apertures.axis, i)) / norm(flight.direction)
+            # turned: scatterings and reflections by the bottom, 0 of them for DIRECT = 0
             a.part = REFLECTED if q.crossings > 1 else min(q.turned, SCATTERED)
             if in_water:
                 tint_way(world.tints, a.tint, z, z + t * flight.direction.z, t)
@@ -234,7 +239,7 @@ def score_apertures(q, in_water, flight, world):
 
 @inlined
 def keep_arrival(store, photon, receiver, weight, tints, log_weights):
-    """Record the light of a path on demand; return its row, -1 without room.
+    """Append a record of the light of a path; return its index, -1 if there is no room.
 
     Array twin: none.
     `store` is anything with the fields `arrivals` and `n_arrivals`.
@@ -254,10 +259,10 @@ def score_planes(tallies, column, index, flight, medium):
     """Score a straight path in water on the irradiance planes it crosses.
 
     Array twin: exp(-a z) of a beam in absorbing water.
-    `column` is that of the first plane in row `index` of the scores. Plane irradiances take the
-    weight, scalar ones weight over |cos|.
+    `index` is the number of the photon in the chunk, `column` the first score of the first plane.
+    Plane irradiances take the weight, scalar ones the weight over the |cosine| to the vertical.
     """
-    # few planes: no search for those between z0 and z1
+    # few planes: each is tested, without a search for those between z0 and z1
     d, z0 = flight.direction, flight.origin.z
     z1 = z0 + flight.length * d.z
     for k in range(len(tallies.planes)):
@@ -272,9 +277,9 @@ def score_planes(tallies, column, index, flight, medium):
         scores[(PlaneScore.E_OD if d.z < 0.0 else PlaneScore.E_OU).value] += w / abs(d.z)
         groups, _, n_cos, n_phi = tallies.radiance.shape
         if n_cos > 0:
-            group = index % groups  # independent photons, from which the standard error comes
+            group = index % groups  # the spread of independent groups is the standard error
             i = min(int((0.5 - 0.5 * d.z) * n_cos), n_cos - 1)
-            # rounding may give n_phi
+            # azimuths from 0 to 2 pi; rounding may give n_phi
             j = int((math.atan2(d.y, d.x) / TWO_PI + 1.0) % 1.0 * n_phi)
             tallies.radiance[group, k, i, min(j, n_phi - 1)] += units(w)
 
@@ -284,7 +289,7 @@ def score_map(tallies, flight, medium, tints, log_weights):
     """Add a path to the map on the receiver plane, if within the field of view.
 
     Array twin: numpy.histogram2d of recorded paths.
-    A tilted aperture takes d . axis / d_z of the light across the level plane.
+    `flight` is the `Segment` of the path.
     """
     d, grid = flight.direction, tallies.grid
     # the cheap tests first: most paths end here
@@ -300,15 +305,15 @@ def score_map(tallies, flight, medium, tints, log_weights):
     i = math.floor((p.x - grid.x) / grid.step)
     j = math.floor((p.y - grid.y) / grid.step)
     if 0 <= i < grid.n and 0 <= j < grid.n:
-        # Flux through a level cell is weight over area; across a tilted aperture it is facing / d_z
-        # of that.
+        # Irradiance of the level plane is weight over area; that of an aperture across its axis is
+        # d . axis / |d_z| times as large.
         w = flight.weight * facing / abs(d.z)
         here = tallies.map_tint
         copy_tint(tints, log_weights, here)
         if grid.z < 0.0:
             w *= _transmission(medium, flight.origin.z, grid.z, t)
             tint_way(tints, here, flight.origin.z, grid.z, t)
-        # Photons of several base wavelengths may bring this light, see `tints.Mixture`.
+        # Photons traced at several wavelengths may bring this light, see `tints.Mixture`.
         w *= balance(grid.mixture, here)
         fill_factors(grid.mixture, here, tallies.map_factors)
         for k in range(len(grid.scale)):

@@ -5,8 +5,11 @@ wavelength j its weight is
 
     ln(w_j / w) = sum_k ln(b_j p_j / b p)(z_k, theta_k) - int (c_j - c)(z) dl
 
-over its scatterings k and its way through the water. The functions of all wavelengths are
-combinations of few common ones, which a path sums up.
+over its scatterings k at depth z_k by the angle theta_k, and its way l through the water. b and p
+are scattering coefficient and phase function, c is the attenuation; those without an index belong
+to the base, the wavelength at which the path is traced. As functions of depth and angle, the terms
+of all wavelengths are linear combinations of few common functions, called tints. A path sums up the
+tints (`log_weights`), and the combinations follow at its end.
 """
 
 from __future__ import annotations
@@ -21,21 +24,22 @@ from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import SMALLEST_ANGLE, lookup, mean_between
 
 TINTS = 12
-"""Common functions that a photon sums up at most."""
+"""Largest number of common functions that a path sums up."""
 
 
 class Tints(NamedTuple):
-    """Common functions of the wavelengths, one row each.
+    """Common functions of the wavelengths, in parts by depth and by angle, one row each.
 
-    Those of the depth are tables on a uniform grid below z = 0, of two nodes in uniform water,
-    those of the scattering angle on equal cells of its logarithm, or one for equal functions.
+    Those of the depth are tables on a uniform grid below z = 0, of two nodes in uniform water;
+    those of the scattering angle on equal cells of its logarithm, of one cell if the phase
+    functions of all wavelengths are equal.
     """
 
-    step: float  # [m]
-    c: NDArray[np.float64]  # (tints, nodes) attenuation [m-1]
-    c_path: NDArray[np.float64]  # its integral from z = 0
-    b: NDArray[np.float64]  # (tints, nodes) logarithm of the scattering coefficient
-    phase: NDArray[np.float64]  # (tints, cells) logarithm of the phase function
+    step: float  # of the depth [m]
+    c: NDArray[np.float64]  # (tints, nodes) difference of attenuation to the base's [m-1]
+    c_path: NDArray[np.float64]  # its integral from z = 0 [1]
+    b: NDArray[np.float64]  # (tints, nodes) logarithm of the scattering coefficient over the base's
+    phase: NDArray[np.float64]  # (tints, cells) logarithm of the phase function over the base's
     bubble_c: NDArray[np.float64]  # (tints,) excess attenuation by bubbles, over the base's
     bubble: NDArray[np.float64]  # (tints, cells) logarithm of b p of the bubbles
     log_first: float  # logarithm of the angle [rad] at which the cells of `phase` start
@@ -43,7 +47,7 @@ class Tints(NamedTuple):
 
 
 NO_TINTS = None
-"""Paths of one wavelength: a type of its own, for which kernels are compiled without any sums."""
+"""Paths of one wavelength: kernels are compiled without sums for the type of None."""
 
 
 @inlined
@@ -70,25 +74,24 @@ def copy_tint(tints, log_weights, out):
 
 @outlined
 def tint_way(tints, log_weights, z0, z1, length):
-    """Add a straight way through the water from height z0 to z1.
+    """Add a straight way through the water from height z0 to z1 to the sums.
 
     Array twin: direct runs of the wavelengths.
     """
     if tints is not None:
-        # Uniform water has the same attenuation at both nodes: no interpolation for nearly all
-        # links.
+        # Nearly all links are in uniform water, whose two nodes need no interpolation.
         uniform = tints.c.shape[1] == 2
         for r in range(len(tints.c)):
             c = tints.c[r, 0]
             if not uniform:
                 c = mean_between(tints.c[r], tints.c_path[r], tints.step, -z0, -z1)
-            # Beer and Lambert, as a logarithm: c_j - c of the base, by common functions.
+            # -int (c_j - c) dl of the law of Beer and Lambert
             log_weights[r] -= length * c
 
 
 @outlined
 def tint_scattering(tints, log_weights, z, theta, by_bubble):
-    """Add a scattering by the water at height z, or by a bubble.
+    """Add a scattering at height z by the angle theta [rad], by the water or a bubble, to the sums.
 
     Array twin: direct runs of the wavelengths.
     """
@@ -105,16 +108,17 @@ def tint_scattering(tints, log_weights, z, theta, by_bubble):
 
 
 class Mixture(NamedTuple):
-    """Weights of the paths of one of several bases in turn, by the balance heuristic.
+    """Weights at all wavelengths of paths traced at one of several bases, by the balance heuristic.
 
-    A path of sums t counts at wavelength j exp(t . shares_j) d_k / sum_i parts_i d_i times its
-    weight, with the densities d_i = exp(density_i . t) of the bases, of which k drew it.
+    At wavelength j a path of base k with the sums t counts its weight times
+    exp(t . shares_j) d_k / sum_i parts_i d_i, where d_i = exp(density_i . t) is the probability
+    density of the path at base i, but for a common factor.
     """
 
-    shares: NDArray[np.float64]  # (tints, wavelengths) over the base
+    shares: NDArray[np.float64]  # (tints, wavelengths) logarithms of weights over the base's
     density: NDArray[np.float64]  # (bases, tints)
-    parts: NDArray[np.float64]  # (bases,) of the photons
-    base: int
+    parts: NDArray[np.float64]  # (bases,) shares of the photons traced at each base, of sum 1
+    base: int  # index k
 
 
 ALONE = Mixture(np.zeros((0, 1)), np.zeros((1, 0)), np.ones(1), 0)
@@ -127,7 +131,7 @@ def balance(mixture, log_weights):
 
     Array twin: `Tinting.mixed`.
     """
-    # Veach and Guibas (1995), balance heuristic: w_k = d_k / sum_i n_i d_i
+    # Veach and Guibas (1995), doi:10.1145/218380.218498: d_k / sum_i n_i d_i
     total, base_density = 0.0, 1.0
     for k in range(len(mixture.density)):
         log = 0.0
@@ -145,7 +149,7 @@ class Factors(NamedTuple):
 
     values: NDArray[np.float64]  # (wavelengths,)
     powers: NDArray[np.float64]  # (wavelengths,)
-    bits: NDArray[np.int64]  # the same memory
+    bits: NDArray[np.int64]  # the memory of `powers` as integers
 
 
 def factors_of(wavelengths: int) -> Factors:
@@ -166,58 +170,60 @@ def fill_factors(mixture, log_weights, factors):
 
 @inlined
 def _add_tint(mixture, log_weights, factors):
-    """Add the logarithms of the factors on a path to others, and replace the sums by factors."""
+    """Add the logarithms of a path to those in `factors.values`, and exponentiate the sums."""
     logs = factors.values
     for r in range(len(mixture.shares)):
-        factor, row = log_weights[r], mixture.shares[r]
+        summed, row = log_weights[r], mixture.shares[r]
         for c in range(len(logs)):
-            logs[c] += factor * row[c]
+            logs[c] += summed * row[c]
     exponentiate(logs, factors.powers, factors.bits)
 
 
 class LastScattering(NamedTuple):
-    """Factors of the wavelengths on light that a last event brings to a path, over the base's.
+    """Factors of the wavelengths on sunlight scattered into a path at its end, over the base's.
 
-    Tables that are linear between nodes, in the depth and in the angle; the last two nodes of the
-    depth hold below them, too.
+    Tables that are linear between nodes, in the depth and in the angle, and go on along a straight
+    line below the last depth.
     """
 
     step: float  # of the depth [m]
-    log: NDArray[np.float64]  # (nodes, wavelengths)
-    phase: NDArray[np.float64]  # (angles, wavelengths) from 0 to pi
+    log: NDArray[np.float64]  # (nodes, wavelengths) logarithm of the factor of the depth
+    phase: NDArray[np.float64]  # (angles, wavelengths) factor of the angle, from 0 to pi
 
 
 @entry
 def add_tinted(arrivals, score, group, mixture, last, factors, out):
-    """Add recorded light at all wavelengths to groups.
+    """Add the recorded light of one score, at all wavelengths, to the sums of groups of photons.
 
     Array twin: `Tinting.mixed`.
 
     Parameters
     ----------
     arrivals, score : ndarray of `ARRIVAL`, int
-        Recorded light, and the score that counts; `air` is the height [m], `water` the angle [rad].
+        Recorded light, and the score that counts, the field `receiver`. Backward photons record the
+        height of the last scattering [m] in `air` and its angle [rad] in `water`.
     group : ndarray, shape (photons,)
         Group of each photon.
     mixture : Mixture
-        Base of the photons, and wavelengths.
+        Base of the photons, and factors of the wavelengths.
     last : LastScattering
-        Factors of the last event.
+        Factors of the last scattering.
     factors : Factors
         Scratch.
     out : ndarray, shape (groups, wavelengths)
-        Sums.
+        Sums, added to.
     """
     per_angle = (len(last.phase) - 1) / math.pi
     for i in range(len(arrivals)):
         a = arrivals[i]
         if a.receiver != score:
             continue
-        # Light of several bases, each of which stands for all wavelengths, counts once.
+        # Each base alone would give the whole light: the heuristic shares it between them.
         weight = a.weight * balance(mixture, a.tint)
-        at = max(-a.air, 0.0) / last.step
-        j = min(int(at), len(last.log) - 2)
-        f, angle = at - j, a.water * per_angle
+        position = max(-a.air, 0.0) / last.step
+        j = min(int(position), len(last.log) - 2)
+        # f and g: fractions of the steps in depth and in angle
+        f, angle = position - j, a.water * per_angle
         m = min(max(int(angle), 0), len(last.phase) - 2)
         g = angle - m
         logs, sums = factors.values, out[group[a.photon]]
@@ -232,7 +238,7 @@ def add_tinted(arrivals, score, group, mixture, last, factors, out):
 
 @inlined
 def is_tinted(tints):
-    """Return whether paths sum up functions, which ask for scattering angles.
+    """Return whether paths sum up functions, for which scattering angles are computed.
 
     Array twin: none.
     """
@@ -244,9 +250,9 @@ def common_functions(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return coefficients (n, k) and common functions (k, nodes) of functions (n, nodes).
 
-    As few as `exact` allows, the largest error of an element: singular vectors, of the coefficients
-    of an orthogonal basis by pivoted Gram-Schmidt. Threads of a linear algebra library would cost
-    more.
+    functions ~ coefficients @ common functions, of as few as leave no element an error above
+    `exact`: singular vectors, of the coefficients in an orthogonal basis by pivoted Gram-Schmidt.
+    Products by einsum, as the threads of a linear algebra library would cost more.
     """
     # Pivoted: the largest remainder becomes the next vector, so that few of them reach the error.
     rest, basis, parts = functions.copy(), list[NDArray[np.float64]](), list[NDArray[np.float64]]()
@@ -267,11 +273,12 @@ def common_functions(
     return u[:, : k + 1] * s[: k + 1], functions[: k + 1]
 
 
-_MOST = 700.0  # beyond, the exponent of a double would overflow
+_MOST = 700.0  # exp(710) would overflow, and exp(-709) lose digits
 _PER_LN2 = 1.0 / math.log(2.0)
-_LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # k times it is exact
-_ROUNDS = 1.5 * 2.0**52  # a sum with it is a whole number, in the lowest bits of the sum
-_BIAS, _FRACTION_BITS = 1023, 52
+# ln 2 as a sum, the first part with so many zero bits at its end that k times it is exact
+_LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
+_ROUNDS = 1.5 * 2.0**52  # a sum with it is rounded to a whole number, which its lowest bits hold
+_BIAS, _FRACTION_BITS = 1023, 52  # of IEEE 754 double precision
 _C2, _C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10, _C11, _C12 = (
     1.0 / math.factorial(k) for k in range(2, 13)
 )

@@ -1,6 +1,6 @@
 """Vectors of two and three numbers, and rotations by a scattering angle.
 
-Tuples of floats: compiled code keeps them in registers, where arrays would take memory.
+Tuples of floats: compiled code holds them in registers, where arrays would take memory.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ UP = Vec3(0.0, 0.0, 1.0)
 
 @inlined
 def row(array, i):
-    """Return row i of an (n, 3) array.
+    """Return row i of an (n, 3) array as a vector.
 
     Array twin: `array[i]`.
     """
@@ -181,20 +181,20 @@ def on_circle(u):
 
 @inlined
 def turn(d, s, u_phi):
-    """Turn a unit direction by the polar angle of s = sin^2(theta/2) and azimuth 2 pi u_phi.
+    """Turn a unit direction by a polar angle theta, s = sin^2(theta / 2), at azimuth 2 pi u_phi.
 
     Array twin: rotation of (sin theta cos phi, sin theta sin phi, cos theta) in the tests.
-    The frame of Duff et al. (2017) has no pole: the textbook update divides by
-    sqrt(1 - dz^2) and bends the beam of an on-axis source.
+    The frame about d of Duff et al. (2017), J. Comput. Graph. Tech. 6(1), has no pole: the textbook
+    update divides by sqrt(1 - dz^2), which loses digits for vertical light.
     """
     # sin^2(theta/2) keeps the digits of small angles, whose cosine is 1: sin = 2 sqrt(s (1 - s))
     sin_theta = 2.0 * math.sqrt(max(s * (1.0 - s), 0.0))
     cos_theta = 1.0 - 2.0 * s
     cos_phi, sin_phi = on_circle(u_phi)
     p, q = sin_theta * cos_phi, sin_theta * sin_phi
-    # Orthonormal frame of d without a square root or branch (Duff et al. 2017).
+    # Orthonormal frame of d without a square root or branch, f and g the a and b of Duff et al.
     sign = math.copysign(1.0, d.z)
-    # never 0: sign has that of d.z
+    # |sign + d.z| >= 1, since both have the same sign
     f = -1.0 / (sign + d.z)
     g = d.x * d.y * f
     out = Vec3(
@@ -202,6 +202,6 @@ def turn(d, s, u_phi):
         p * sign * g + q * (sign + d.y * d.y * f) + cos_theta * d.y,
         -p * sign * d.x - q * d.y + cos_theta * d.z,
     )
-    # Rounding drifts by 1e-16 a turn; thousands of turns must stay on the unit sphere. One Newton
-    # step of 1 / sqrt(|d|^2) at 1, without a root.
+    # Rounding changes the length by 1e-16 a turn, and there may be thousands. One Newton step for
+    # 1 / sqrt(|out|^2) from 1 restores it without a root.
     return scaled(1.5 - 0.5 * dot(out, out), out)

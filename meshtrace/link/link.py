@@ -22,13 +22,14 @@ from meshtrace.models import FamilyField, FamilyFields, Floats, Model, Position,
 from meshtrace.optics.bubbles import BubblePopulation, HallNovarini
 from meshtrace.optics.water import Water
 
-_TYPICAL = 16.0  # [m], depth plus height of links that keep the metre
-_SMALL = 8.0  # units below a metre, up to which meshes keep their spacing
-_ASIDE = 20.0  # [m], receivers farther aside have the fine mesh where their light crosses
-_NEAR = 64.0  # depths plus heights: links closer to the origin keep it
-_LEAST_DISTANCE = 1e-3  # [m], of an end from the surface
-_LEAST_SHARE = 0.1  # the same over the farthest end: all lengths of a link may be scaled
-_SHORTEST = 1e-9  # [m], of any link: rays have no meaning below the wavelength
+_TYPICAL = 16.0  # depth plus height of links whose unit of length is the metre [m]
+_SMALL = 8.0  # meshes are scaled down for links of a unit below 1 m over this number
+_ASIDE = 20.0  # a mesh centred on the origin is fine up to receivers this far aside [m]
+_NEAR = 64.0  # links keep the origin (0, 0) up to this distance from it, over depth plus height
+_LEAST_DISTANCE = 1e-3  # of a source or receiver from still water [m]
+_LEAST_SHARE = 0.1  # the same over the distance of the farthest end, for links of a few millimetres
+_SHORTEST = 1e-9  # the same of any link [m]: rays have no meaning below the wavelength
+# fields of kind, place and axis, which an end leaves behind when it changes places, see `_moved`
 _PLACED = {"kind", "position", "depth", "height"}
 _PLACED |= {"zenith_deg", "azimuth_deg", "tilt_deg", "tilt_azimuth_deg"}
 
@@ -36,19 +37,19 @@ _PLACED |= {"zenith_deg", "azimuth_deg", "tilt_deg", "tilt_azimuth_deg"}
 class Footprint(NamedTuple):
     """The part of the surface that a link needs, as keyword arguments of `SurfaceModel.mesh`."""
 
-    center: tuple[float, float]
-    extent: float
-    spacing: float
-    fine_extent: float
-    coarse_spacing: float
+    center: tuple[float, float]  # (x, y) [m]
+    extent: float  # half-width of the mesh [m]
+    spacing: float  # of the fine part about the centre [m]
+    fine_extent: float  # half-width of the fine part [m]
+    coarse_spacing: float  # largest one outside of it [m]
 
 
 class Crossing(NamedTuple):
     """Crossing of unscattered light over a flat sea, between a source and a receiver."""
 
     place: Floats  # (x, y) [m]
-    lever: float  # displacement of the crossing by a unit of slope [m]
-    seen: float  # radius of the aperture as seen from the source [m]
+    lever: float  # displacement of the crossing over the slope that causes it [m]
+    seen: float  # radius of the aperture, projected from the source onto still water [m]
 
 
 class Link(Model, frozen=True):
@@ -114,8 +115,8 @@ class Link(Model, frozen=True):
     def least_distance(self) -> float:
         """Least distance of a source or receiver from the surface [m].
 
-        A millimetre, and less for links of a few millimetres: a tenth of the depth or height that
-        is farthest from still water, and a nanometre.
+        A millimetre, or a tenth of the largest depth or height if that is less, but at least a
+        nanometre.
         """
         farthest = max(abs(item.center[2]) for _, item in self.items())
         return max(min(_LEAST_DISTANCE, _LEAST_SHARE * farthest), _SHORTEST)
@@ -157,7 +158,7 @@ class Link(Model, frozen=True):
 
     @property
     def air_end(self) -> tuple[Literal["transmitter", "receiver"], AirLamp | Receiver]:
-        """The lamp or the receiver of a link that has one end in the air, and its field.
+        """Field name and part, lamp or receiver, of the one end that a link has in the air.
 
         Raises
         ------
@@ -171,11 +172,11 @@ class Link(Model, frozen=True):
     @property
     def direction(self) -> Literal["up", "down", "mixed"]:
         """Direction of the light: "up" from the water into the air, "down", or "mixed"."""
-        low = [isinstance(t, WaterSource) for t in self.transmitters]
-        high = [isinstance(r, Receiver) for r in self.receivers]
-        if all(low) and all(high):
+        from_water = [isinstance(t, WaterSource) for t in self.transmitters]
+        into_air = [isinstance(r, Receiver) for r in self.receivers]
+        if all(from_water) and all(into_air):
             return "up"
-        return "mixed" if any(low) or any(high) else "down"
+        return "mixed" if any(from_water) or any(into_air) else "down"
 
     def mirrored(self) -> Self:
         """Return the link in the other direction: lamp and receiver change places.
@@ -298,22 +299,21 @@ class Link(Model, frozen=True):
 
     @property
     def unit(self) -> float:
-        """Unit of length of the local coordinates [m], a power of two: 1 for some 15 m.
+        """Unit of length of the local coordinates [m], a power of two.
 
-        That of the depths and heights, but for wide apertures and sources close to the surface,
-        whose widths count up to a unit of 1.
+        It follows the greatest depth plus height of the ends, and is 1 m for some 16 m. Wide
+        apertures and sources close to the surface have a larger unit, up to 1 m, by their widths.
         """
         levels = [0.0, *(item.center[2] for _, item in self.items())]
         widths = [
             getattr(item, "half_width", getattr(item, "radius", 0.0)) for _, item in self.items()
         ]
         unit = _power_of_two((max(levels) - min(levels)) / _TYPICAL)
-        # a power of two, by which a division is exact
         return max(unit, min(1.0, _power_of_two(max(widths) / _TYPICAL))) if unit else 1.0
 
     @property
     def origin(self) -> tuple[float, float]:
-        """Origin (x, y) of the local coordinates [m]: (0, 0) unless the link lies far from it."""
+        """Origin (x, y) of the local coordinates [m]: (0, 0), or the mean of ends far from it."""
         centers = [item.center for _, item in self.items()]
         # fsum: the same digits in any order of the parts
         x, y = (math.fsum(c[i] for c in centers) / len(centers) for i in (0, 1))
@@ -327,15 +327,17 @@ class Link(Model, frozen=True):
         Parameters
         ----------
         aside : float
-            Distance aside up to which the fine part covers all sources and receivers [m]; it
-            lies where their light crosses if one of them is farther aside.
+            Horizontal distance of sources and receivers up to which the fine part covers them all
+            [m]; if one of them is farther aside, it covers the crossings of their light.
 
         Notes
         -----
         The fine part covers the region where unscattered light of a rough sea can cross to a
-        receiver: a slope s moves the crossing by beta s with beta = (n-1) h d / (d + n h).
-        The extent reaches to the rays of which the water leaves e^-6 of the vertical light.
+        receiver: a slope s moves the crossing by beta s with beta = (n-1) h d / (d + n h), for the
+        depth d, the height h and the relative index n of the water.
+        The extent reaches to slanted rays that absorption weakens by e^-6 more than vertical ones.
         """
+        # metres for links of ordinary size
         scale = min(_SMALL * self.unit, 1.0)
         high = [item.height for _, item in self.items() if isinstance(item, Receiver | AirLamp)]
         low = [
@@ -345,18 +347,19 @@ class Link(Model, frozen=True):
         radius = max((r.radius for r in self.receivers), default=0.0)
         n = self.water.n / self.n_air
         beta = (n - 1.0) * height * depth / (depth + n * height)
-        center, aside, far = self._middle(aside * scale)
+        center, half_fine, half_ends = self._middle(aside * scale)
         # crossings of slopes up to 2.5, see Notes
-        fine = max(2.5 * beta + radius + aside, scale)
-        # a ray from the lamp to ten depths aside is 84 degrees off the vertical
+        fine = max(2.5 * beta + radius + half_fine, scale)
+        # at most ten depths aside, where a ray from the lamp is 84 degrees off the vertical
         reach = 10.0 * depth if low else 50.0
         if self.water.a > 0.0:
-            clear = 6.0 / self.water.a  # sqrt((depth + clear)^2 - depth^2), which may not overflow
+            clear = 6.0 / self.water.a
+            # sqrt((depth + clear)^2 - depth^2), in a form whose squares do not overflow
             reach = min(reach, math.sqrt(clear) * math.sqrt(2.0 * depth + clear))
         width = max(
             (t.half_width for t in self.transmitters if hasattr(t, "half_width")), default=0
         )
-        extent = fine - aside + far + max(reach, 5.0 * scale) + width
+        extent = fine - half_fine + half_ends + max(reach, 5.0 * scale) + width
         return Footprint(center, extent, 0.1 * scale, fine, scale)
 
     def lit_patch(self, slope: float) -> tuple[tuple[float, float], float]:
@@ -365,18 +368,18 @@ class Link(Model, frozen=True):
         Parameters
         ----------
         slope : float
-            Root mean square slope of the sea in one direction.
+            Standard deviation of the slope of the sea in one direction.
 
         Notes
         -----
-        4.5 standard deviations of beta s about the crossings of a flat sea, see `crossings`, the
-        apertures as seen from the sources, and 5 cm.
+        4.5 standard deviations of the displaced crossing about that of a flat sea, see `crossings`,
+        plus the aperture as seen from the source, plus 5 cm, or less for small links.
         """
         low, high = np.full(2, math.inf), np.full(2, -math.inf)
-        beside = 0.05 * min(_SMALL * self.unit, 1.0)
+        margin = 0.05 * min(_SMALL * self.unit, 1.0)
         for place, lever, seen in self.crossings():
             # Gaussian slopes exceed 4.5 standard deviations at 7 in a million places
-            reach = 4.5 * lever * slope + seen + beside
+            reach = 4.5 * lever * slope + seen + margin
             low, high = np.minimum(low, place - reach), np.maximum(high, place + reach)
         middle = 0.5 * (low + high)
         return (float(middle[0]), float(middle[1])), float(0.5 * (high - low).max())
@@ -386,29 +389,31 @@ class Link(Model, frozen=True):
 
         Notes
         -----
-        Slanted light is moved farther by a slope than upright light (`footprint`), by
-        1 + 2 tan^2 of its angle to the power 3/2.
+        A slope moves the crossing of slanted light farther than that of vertical light
+        (`footprint`), by a factor of (1 + 2 tan^2 theta)^(3/2), theta the angle of the straight
+        line between both ends.
         """
         n = self.water.n / self.n_air
-        ends = []
+        crossings = []
         for t in self.transmitters:
             for r in self.receivers:
                 low_end, high_end = (r, t) if isinstance(t, AirLamp) else (t, r)
                 depth, height = getattr(low_end, "depth", 1.0), getattr(high_end, "height", 1.0)
-                # paraxial: a metre of air counts as n metres of water
-                share = depth / (depth + n * height)  # of the way to the upper end, in the water
-                # tangent of the straight line between both ends
-                aside = math.dist(t.position, r.position) / (depth + height)
-                lever = (n - 1.0) * height * share * (1.0 + 2.0 * aside**2) ** 1.5
+                # part of the horizontal way that lies in the water; for small angles a metre of
+                # height moves light n times as far aside as a metre of depth
+                share = depth / (depth + n * height)
+                tangent = math.dist(t.position, r.position) / (depth + height)
+                lever = (n - 1.0) * height * share * (1.0 + 2.0 * tangent**2) ** 1.5
                 seen = r.radius * (share if r is high_end else 1.0 - share)
                 place = _crossing(low_end.position, high_end.position, depth, height, n)
-                ends.append(Crossing(place, lever, seen))
-        return ends
+                crossings.append(Crossing(place, lever, seen))
+        return crossings
 
     def _middle(self, most: float) -> tuple[tuple[float, float], float, float]:
-        """Return the middle of the fine mesh, and the half-widths of crossings and of the link.
+        """Return the middle of the fine mesh, and half-widths of what it covers and of all ends.
 
-        The origin, unless sources or receivers lie farther aside than `most`.
+        It covers all ends about the origin, unless one of them lies farther aside than `most` [m];
+        then it covers the crossings alone, about their own middle.
         """
         places = np.array([item.position for _, item in self.items()])
         middle = np.array(self.origin)
@@ -422,12 +427,16 @@ class Link(Model, frozen=True):
 
 
 def _power_of_two(size: float) -> float:
+    """Return the power of two nearest to a size in the logarithm, 0 for 0."""
     return float(2.0 ** round(math.log2(size))) if size > 0.0 else 0.0
 
 
 def _moved(kind: type[Any], end: Any, place: Any) -> Any:
-    """Build an end of `kind` with the fields of `end`, at the position and axis of `place`."""
-    # what was not set takes the default of the new kind
+    """Return an end of `kind` with pattern, power and wavelength of `end` at the place of `place`.
+
+    Position, level and axis are those of `place`.
+    """
+    # fields that were not set take the defaults of the new kind
     fields = {name: getattr(end, name) for name in end.model_fields_set if name not in _PLACED}
     level = "depth" if hasattr(place, "depth") else "height"
     fields |= {"position": place.position, level: getattr(place, level)}
@@ -436,18 +445,22 @@ def _moved(kind: type[Any], end: Any, place: Any) -> Any:
 
 
 def _axis(kind: type[Any]) -> tuple[str, str]:
-    """Return the fields of the axis of an end."""
+    """Return the names of both angles that give the axis of a kind of end."""
     water = issubclass(kind, WaterSource)
     return ("zenith_deg", "azimuth_deg") if water else ("tilt_deg", "tilt_azimuth_deg")
 
 
 def _crossing(low: Position, high: Position, depth: float, height: float, n: float) -> Floats:
-    """Return the crossing (x, y) [m] of still water by light between two ends."""
+    """Return the crossing (x, y) [m] of still water by light between two ends, by Snell's law.
+
+    `depth` and `height` are those of the ends at `low` and `high`, n is the relative index.
+    """
     a, b = np.array(low, float), np.array(high, float)
     distance = math.dist(a, b)
     least, most = 0.0, 1.0
-    for _ in range(40):  # n sin(angle in water) - sin(angle in air) grows with the share
-        # bisection, since Snell's law is monotone: 2^-40 of the distance, without a start to choose
+    # n sin(angle in water) - sin(angle in air) grows with the share of the distance in the water:
+    # bisection, to 2^-40 of the distance, needs no first guess.
+    for _ in range(40):
         share = 0.5 * (least + most)
         x, y = share * distance, (1.0 - share) * distance
         if n * x * math.hypot(y, height) < y * math.hypot(x, depth):

@@ -26,7 +26,7 @@ __all__ = [
 
 
 class Placed(Model, frozen=True):
-    """Base of sources and apertures: a place.
+    """Base of sources and apertures, with a place.
 
     Parameters
     ----------
@@ -38,8 +38,8 @@ class Placed(Model, frozen=True):
 
     @property
     def center(self) -> tuple[float, float, float]:
-        """Centre of the part, at its height, its depth or still water [m]."""
-        # 0.0 - 0.0 in place of a negative zero
+        """Centre (x, y, z) [m]: z is the height, less the depth, or 0 for parts without either."""
+        # 0.0 minus the depth: the sign alone would make -0.0 of 0.0
         return (*self.position, getattr(self, "height", 0.0 - getattr(self, "depth", 0.0)))
 
 
@@ -82,12 +82,12 @@ class Source(
 
     @property
     def pattern(self) -> str:
-        """Kind of the angular pattern: the kind of the underwater source with the same pattern."""
+        """Name of the angular pattern: the kind of the underwater source with the same one."""
         return str(getattr(self, "kind", ""))
 
 
 class _Lambertian(Model, frozen=True):
-    """Pattern of an LED."""
+    """Pattern of an LED, I ~ cos^m(theta)."""
 
     half_angle_deg: float = Field(default=10.0, ge=1e-3, lt=90.0, allow_inf_nan=False)
 
@@ -95,7 +95,7 @@ class _Lambertian(Model, frozen=True):
 
     @property
     def spread_deg(self) -> float:
-        """Half-angle at half power [deg]."""
+        """Half-angle at half the intensity on the axis [deg]."""
         return self.half_angle_deg
 
     @property
@@ -115,12 +115,12 @@ class _Gaussian(Model, frozen=True):
 
     @property
     def size(self) -> float:
-        """Radius of the emitting disk [m]."""
+        """Radius at 1/e^2 of the on-axis irradiance at the source [m]."""
         return self.waist
 
     @property
     def spread_deg(self) -> float:
-        """Half-angle of the emitted cone [deg]."""
+        """Half-angle at 1/e^2 of the on-axis intensity [deg]."""
         return self.divergence_deg
 
 
@@ -160,7 +160,7 @@ class WaterSource(Source, frozen=True):
 
     @property
     def spread_deg(self) -> float:
-        """Half-angle of the emitted cone [deg]."""
+        """Half-angle of the emitted cone [deg], all directions by default."""
         return 180.0
 
     @property
@@ -253,7 +253,7 @@ class AirLamp(Source, frozen=True):
     @property
     def axis(self) -> tuple[float, float, float]:
         """Unit vector of the emission."""
-        # the tilt is counted from straight down
+        # `unit_vector` counts from straight up, the tilt from straight down
         x, y, z = unit_vector(self.tilt_deg, self.tilt_azimuth_deg)
         return x, y, -z
 
@@ -367,8 +367,8 @@ class Sun(AirSource, frozen=True):
 
     @property
     def axis(self) -> tuple[float, float, float]:
-        """Unit vector of the direction of travel."""
-        # the azimuth is that of the travel, which leads down
+        """Unit vector of the direction in which the light travels, down."""
+        # `azimuth_deg` is already that of the travel: z alone changes its sign
         x, y, z = unit_vector(self.zenith_deg, self.azimuth_deg)
         return x, y, -z
 
@@ -395,4 +395,4 @@ ABOVE: dict[type[Source], type[AirLamp]] = {
     GaussianBeam: AirBeam,
     TopHatBeam: AirTopHatBeam,
 }
-"""Lamps in the air by those in the water with the same pattern."""
+"""Kinds of lamps in the air, by the kind in the water with the same pattern."""

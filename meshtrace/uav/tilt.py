@@ -1,7 +1,8 @@
 """Law of the tilt of an aircraft in gusts, exact or as the paper's Gamma approximation.
 
-The tilt is alpha = arctan(K V^2) of the squared wind V^2, and takes the factor
-h_alpha = cos(alpha) from the gain until the vertical leaves the field of view.
+The tilt is alpha = arctan(K V^2), where V is the speed of the wind with its gusts [m s-1] and K the
+tilt coefficient of the aircraft [s2 m-2]. It multiplies the gain by h_alpha = cos(alpha), or by 0
+where the vertical is outside the field of view.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from meshtrace.quadrature import gauss_legendre
 
 @check_call
 def h_alpha(tilt: ArrayLike, fov: float) -> Floats:
-    """Return the factor of the tilt on the gain of light that arrives vertically.
+    """Return the factor h_alpha by which a tilt reduces the gain of light that arrives vertically.
 
     h = cos(alpha) if alpha <= fov / 2, else 0
 
@@ -56,16 +57,17 @@ def h_alpha(tilt: ArrayLike, fov: float) -> Floats:
 
 
 def _half_angle(fov: float) -> float:
+    """Return half the full field of view [rad]; refuse one outside (0, pi]."""
     return 0.5 * require_between(fov, 0.0, math.pi, "fov", "(]", "0 < fov <= pi rad (full angle)")
 
 
-_Square = Annotated[ArrayLike, Field(ge=0.0)]
-_Angle = Annotated[ArrayLike, Field(ge=0.0, lt=0.5 * math.pi)]
+_Square = Annotated[ArrayLike, Field(ge=0.0)]  # V^2 [m2 s-2]
+_Angle = Annotated[ArrayLike, Field(ge=0.0, lt=0.5 * math.pi)]  # tilt [rad]
 
 
 _FACTORS = 48  # nodes of the factor: the mean of cos(alpha) to 1e-9, that of error rates to 1e-4
-_TABLE = 256  # angles of a distribution function
-_LEAST_BER = 1e-15  # below which an error rate says nothing about a device
+_TABLE = 256  # angles at which a distribution function is tabulated, see `_tilt_table`
+_LEAST_BER = 1e-15  # error rates below it do not matter for any device
 
 
 @check_methods
@@ -99,23 +101,23 @@ class TiltFactors(NamedTuple):
         level = np.asarray(h, dtype=float)
         if self.law is None:
             return (self.h < level[..., None]) @ self.weight
-        # more tilt is a lower factor, and beyond the field of view it is 0, below every level > 0
+        # h_alpha < h is alpha > arccos(h), or alpha beyond the field of view, where h_alpha is 0
         tilt = np.minimum(np.arccos(np.clip(level, 0.0, 1.0)), _half_angle(self.fov))
         return np.where(level >= 1.0, 1.0, _tilt_table(self.law)(tilt))
 
 
 @check_call
 def tilt_outage_note(outage: float, wind: str = "") -> str:
-    """Describe the share of tilts that leave the field of view; "" for a share of no account.
+    """Describe the share of tilts that leave the field of view; "" for a negligible share.
 
     Parameters
     ----------
     outage : float
         Probability that the tilt leaves the field of view.
     wind : str
-        Text that follows the subject, such as " at 13 m/s".
+        Text after "tilt of the aircraft", such as " at 13 m/s".
     """
-    least_ber = 0.5 * outage  # bits are then guessed
+    least_ber = 0.5 * outage  # without light half of the bits are wrong
     if least_ber < _LEAST_BER:
         return ""
     return (
@@ -126,18 +128,18 @@ def tilt_outage_note(outage: float, wind: str = "") -> str:
 
 @functools.lru_cache(64)
 def _bulk_of_tilt(law: TiltLaw) -> tuple[float, float]:
-    """Return the tilts that leave 1e-9 of the mass on either side [rad]."""
+    """Return the quantiles of the tilt at 1e-9 and 1 - 1e-9 [rad]."""
     return law.ppf(1e-9), law.ppf(1.0 - 1e-9)
 
 
 @functools.lru_cache(64)
 def _tilt_table(law: TiltLaw) -> Callable[[Floats], Floats]:
-    """Return P(alpha > tilt), interpolated in the logarithm to 1e-5."""
+    """Return a function for P(alpha > tilt), interpolated in the logarithm to 1e-5."""
     from scipy.interpolate import PchipInterpolator
 
     low, high = (math.atan(law.tilt_coefficient * v2) for v2 in law._bulk())
     tilt = np.linspace(low, high, _TABLE)
-    # the logarithm, since tails span many decades; monotone, as a distribution function is
+    # of the logarithm, since tails span many decades; by a monotone interpolant
     table = PchipInterpolator(tilt, np.log(np.maximum(law.sf(tilt), 1e-300)))
     return lambda angle: np.exp(table(np.clip(angle, low, high)))
 
@@ -150,11 +152,11 @@ class TiltLaw(abc.ABC):
     Subclasses give the law of V^2; everything else follows by change of variable.
     """
 
-    tilt_coefficient: float
+    tilt_coefficient: float  # K [s2 m-2]
 
     @abc.abstractmethod
     def _squared_wind(self, v2: ArrayLike, function: Literal["pdf", "cdf", "sf"]) -> Floats:
-        """Return the density or a distribution function of V^2, precise in both tails."""
+        """Return the density, P(V^2 <= v2) or P(V^2 > v2) of V^2, precise in both tails."""
 
     def squared_wind_pdf(self, v2: _Square) -> Floats:
         """Return the density of V^2 [s2 m-2] at `v2` [m2 s-2]."""
@@ -173,6 +175,7 @@ class TiltLaw(abc.ABC):
         """Return the interval of V^2 that leaves less than 1e-17 of the mass on either side."""
 
     def _v2(self, tilt: _Angle) -> Floats:
+        """Return the squared wind V^2 [m2 s-2] of a tilt [rad]."""
         return np.tan(np.asarray(tilt, dtype=float)) / self.tilt_coefficient
 
     def pdf(self, tilt: _Angle) -> Floats:
@@ -251,7 +254,8 @@ class TiltLaw(abc.ABC):
     def h_cdf(self, h: ArrayLike, fov: float = math.pi) -> Floats:
         """Return P(h_alpha <= h) for h in [0, 1), with the mass at 0 from the field of view."""
         h = np.asarray(h, dtype=float)
-        # a tilt beyond the field of view has h = 0, whatever its angle: the law ends there
+        # Tilts beyond the field of view all have h = 0. The bounds are just below pi / 2, where
+        # tan(alpha) is infinite.
         tilt = np.minimum(np.arccos(np.clip(h, 1e-12, 1.0)), min(_half_angle(fov), 1.5707963267))
         return np.where(h < 0.0, 0.0, np.where(h >= 1.0, 1.0, self.sf(tilt)))
 
@@ -261,7 +265,7 @@ class TiltLaw(abc.ABC):
         Parameters
         ----------
         order : int
-            Order of the moment.
+            Exponent of h_alpha.
         fov : float
             Full field of view [rad].
         """
@@ -269,7 +273,7 @@ class TiltLaw(abc.ABC):
         return float(weight @ np.cos(tilt) ** order)
 
     def factors(self, fov: float) -> TiltFactors:
-        """Return the law of h_alpha as a rule of weighted nodes, the outage of `fov` included.
+        """Return the law of h_alpha as weighted nodes, the outage of `fov` as one at h = 0.
 
         Parameters
         ----------
@@ -279,17 +283,18 @@ class TiltLaw(abc.ABC):
         outage = self.outage(fov)
         low, high = _bulk_of_tilt(self)
         high = min(high, _half_angle(fov))
-        if high <= low:  # practically every tilt leaves the view
+        if high <= low:  # all but 1e-9 of the tilts leave the field of view
             return TiltFactors(np.zeros(1), np.ones(1), self, fov)
         x, w = gauss_legendre(_FACTORS)
         tilt = low + 0.5 * (high - low) * (x + 1.0)
         weight = w * self.pdf(tilt)
-        weight *= (1.0 - outage) / weight.sum()  # the tails beyond the bulk, 1e-9, join in
+        # normalised, with the tails of 1e-9 beyond the nodes
+        weight *= (1.0 - outage) / weight.sum()
         h, weight = np.append(np.cos(tilt), 0.0), np.append(weight, outage)
         return TiltFactors(h, weight, self, fov)
 
     def _quadrature(self, upper: float = 0.5 * math.pi) -> tuple[Floats, Floats]:
-        """Return nodes alpha and weights f(alpha) d(alpha) over the bulk up to `upper`."""
+        """Return nodes alpha [rad] and weights f(alpha) d(alpha) over the bulk up to `upper`."""
         low, high = (math.atan(self.tilt_coefficient * v2) for v2 in self._bulk())
         high = max(min(high, upper), low)
         x, w = gauss_legendre(400)
@@ -319,6 +324,7 @@ class GammaTiltLaw(TiltLaw):
 
     @functools.cached_property
     def _law(self) -> Any:
+        """Gamma law of V^2."""
         from scipy.stats import gamma
 
         return gamma(self.shape, scale=self.scale)
@@ -361,9 +367,11 @@ class GammaTiltLaw(TiltLaw):
 @check_methods
 @dataclasses.dataclass(frozen=True)
 class ExactTiltLaw(TiltLaw):
-    """Exact law: V^2 is the sum of a non-central chi-squared and a central one.
+    """Exact law: V^2 is the sum of a non-central chi-squared variable and a central one.
 
     F(v) = int phi(w / s_z) / s_z  F_chi2[(v - w^2) / s_h^2; 2, (u / s_h)^2] dw,  |w| <= sqrt(v)
+
+    phi is the standard normal density, F_chi2[x; k, c] the non-central chi-squared law.
 
     The horizontal gusts have one variance, so V_x^2 + V_y^2 is s_h^2 times a non-central
     chi-squared variable of two degrees of freedom; one quadrature over the vertical gust remains.
@@ -388,9 +396,10 @@ class ExactTiltLaw(TiltLaw):
         from scipy.stats import ncx2
 
         v2 = np.asarray(v2, dtype=float)
-        v2 = np.where(v2 < 1e-200, 0.0, v2)  # squares of parts of it would underflow
+        v2 = np.where(v2 < 1e-200, 0.0, v2)  # w^2 below would underflow
         squared = v2[..., None]
         x, weight = gauss_legendre(64)
+        # beyond 10 standard deviations a normal law has 1e-23
         reach = np.minimum(np.sqrt(squared), 10.0 * self.std_vertical)
         w = 0.5 * reach * (x + 1.0)
         gauss = np.exp(-0.5 * (w / self.std_vertical) ** 2) / (
@@ -399,15 +408,17 @@ class ExactTiltLaw(TiltLaw):
         # V_x^2 + V_y^2 has what the vertical gust w leaves of V^2
         rest = np.maximum(squared - w * w, 0.0) / self.std_horizontal**2
         horizontal = getattr(ncx2, function)(rest, 2, (self.mean_speed / self.std_horizontal) ** 2)
+        # twice the integral from 0 to `reach`, whose weights are reach weight / 2
         part = np.sum(reach * weight * gauss * horizontal, axis=-1)
         if function == "pdf":
             return part / self.std_horizontal**2
-        if function == "sf":  # and vertical gusts that are stronger themselves
+        if function == "sf":  # plus P(|V_z| > sqrt(v2)), whatever the horizontal wind
             return part + erfc(np.sqrt(0.5 * v2) / self.std_vertical)
         return part
 
     def _bulk(self) -> tuple[float, float]:
-        # nine deviations of a normal law leave 1e-19 on a side
+        # A normal law has 1e-19 beyond nine deviations; tuned: 1.2 of them for the sum of three
+        # components.
         reach = 9.0 * max(self.std_horizontal, self.std_vertical)
         return max(self.mean_speed - reach, 0.0) ** 2, (self.mean_speed + 1.2 * reach) ** 2
 
@@ -443,8 +454,8 @@ def compare_laws(
 
     Notes
     -----
-    V^2/U^2 has one law for every wind speed, and both distances are invariant, so D_KS and KL do
-    not depend on the wind; the paper prints two different D_KS (a histogram artefact).
+    V^2/U^2 has the same law at every wind speed U, and a scale changes neither distance, so D_KS
+    and KL do not depend on the wind; the paper prints two different D_KS (a histogram artefact).
     """
     fine = np.linspace(exact.ppf(1e-12), exact.ppf(1.0 - 1e-12), 4001)
     ks = float(np.max(np.abs(exact.cdf(fine) - approximation.cdf(fine))))

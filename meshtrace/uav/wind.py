@@ -1,4 +1,7 @@
-"""Wind and gusts at an aircraft: profiles over the sea, Dryden turbulence."""
+"""Wind and gusts at an aircraft: profiles over the sea, Dryden turbulence.
+
+Vectors are (x, y, z): u along the mean wind, v across it, w up.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from meshtrace.errors import Refused, require_array, require_finite
 from meshtrace.models import Floats, Model, Positive
 
 FOOT = 0.3048  # [m]
-HEIGHT_20FT = 20.0 * FOOT
+HEIGHT_20FT = 20.0 * FOOT  # [m], where the specification takes the wind W20
 
 WindPreset = Literal["physical", "paper"]
 
@@ -61,6 +64,8 @@ WindProfile = Annotated[LogProfile | PowerProfile, pydantic.Field(discriminator=
 
 class Dryden(Model, frozen=True):
     """Mean wind with Dryden gusts at low altitude after MIL-F-8785C.
+
+    W20 is the wind at 20 feet, sigma are turbulence intensities, L lengths, h is the height:
 
     sigma_w = 0.1 W20,  sigma_u = sigma_v = sigma_w (0.177 + 0.000823 h)^-0.4,
     L_w = h,  L_u = L_v = h (0.177 + 0.000823 h)^-1.2,  with h in feet
@@ -145,7 +150,7 @@ class Dryden(Model, frozen=True):
         """Turbulence intensities sigma_u, sigma_v, sigma_w of the specification (3,) [m s-1]."""
         derived = self.wind_speed * self.profile.ratio(HEIGHT_20FT)
         w20 = derived if self.w20 is None else self.w20
-        # MIL-F-8785C, section 3.7, in which heights are feet
+        # MIL-F-8785C, section 3.7
         horizontal = 0.1 * w20 * self._bracket**-0.4
         return np.array([horizontal, horizontal, 0.1 * w20])
 
@@ -162,19 +167,20 @@ class Dryden(Model, frozen=True):
 
     @property
     def correlation_times(self) -> Floats:
-        """Filter times tau = L / |U| (3,) [s]; infinite in a calm."""
+        """Filter times tau = L / |U| (3,) [s], U the mean wind; infinite in a calm."""
         speed = float(np.linalg.norm(self.mean_wind))
         return self.length_scales / speed if speed > 0.0 else np.full(3, np.inf)
 
     @property
     def _bracket(self) -> float:
+        """The term 0.177 + 0.000823 h of intensities and lengths."""
         unit = FOOT if self.altitude_unit == "foot" else 1.0
         return 0.177 + 0.000823 * self.height / unit
 
     def autocorrelation(self, lag: ArrayLike) -> Floats:
         """Return the autocovariance of the three gust components.
 
-        R_u = s^2 exp(-t/tau),  R_v = R_w = s^2 exp(-t/tau) (1 - t / (2 tau))
+        R_u = s^2 exp(-t/tau),  R_v = R_w = s^2 exp(-t/tau) (1 - t / (2 tau)), s the `std`
 
         Parameters
         ----------
@@ -213,6 +219,8 @@ class Dryden(Model, frozen=True):
         H_u = s sqrt(2 tau) / (1 + tau p),
         H_v = H_w = s sqrt(tau) (1 + sqrt(3) tau p) / (1 + tau p)^2
 
+        are the filters of white noise, with the Laplace variable p and the standard deviation s.
+
         Parameters
         ----------
         times : array_like
@@ -243,38 +251,42 @@ class Dryden(Model, frozen=True):
         if not steps[0] > 0.0:
             raise Refused("times", times, "rising times")
         noise = np.random.default_rng(seed).standard_normal((3, 2, t.size))
-        q = float(steps.mean()) / self.correlation_times
-        x1, x2 = np.transpose(list(map(_states, q, noise)), (1, 2, 0))
+        step = float(steps.mean()) / self.correlation_times
+        # states (n, 3) of the three components
+        x1, x2 = np.transpose(list(map(_states, step, noise)), (1, 2, 0))
         # H_v = s sqrt(tau) [sqrt(3) / (1 + tau p) + (1 - sqrt(3)) / (1 + tau p)^2]
         gusts = math.sqrt(3.0) * x1 + (1.0 - math.sqrt(3.0)) * x2
         gusts[:, 0] = math.sqrt(2.0) * x1[:, 0]
         return self.mean_wind + self.std * gusts
 
 
-def _states(q: float, noise: Floats) -> Floats:
-    """Return the states behind 1/(1 + tau p) and 1/(1 + tau p)^2, sampled every q tau, (2, n).
+def _states(step: float, noise: Floats) -> Floats:
+    """Return the states (2, n) behind 1/(1 + tau p) and 1/(1 + tau p)^2, sampled every step tau.
 
-    x1' = (w - x1)/tau, x2' = (x1 - x2)/tau, in units of tau^-1/2; noise (2, n).
+    x1' = (w - x1)/tau, x2' = (x1 - x2)/tau for white noise w, in units of tau^-1/2. `noise` (2, n)
+    are independent standard normal numbers.
     """
     from scipy.signal import lfilter
     from scipy.special import gammainc
 
     def drive(q11: float, q12: float, q22: float, z: Floats) -> tuple[Floats, Floats]:
+        """Return noise of the covariance [[q11, q12], [q12, q22]] by its Cholesky factor."""
         if q11 == 0.0:
             return 0.0 * z[0], 0.0 * z[1]
         first = math.sqrt(q11)
         return first * z[0], q12 / first * z[0] + math.sqrt(q22 - q12**2 / q11) * z[1]
 
-    # The noise covariance is the integral of (1, s, s^2) exp(-2 s): incomplete gamma functions,
-    # free of the cancellation that P - A P A^T suffers for short steps.
-    q11, q12, q22 = np.array([0.5, 0.25, 0.25]) * gammainc([1, 2, 3], 2.0 * q)
+    # The noise covariance over a step is the integral of (1, s, s^2) exp(-2 s) from 0 to `step`:
+    # incomplete gamma functions, free of the cancellation for short steps in P - A P A^T, with the
+    # stationary covariance P and the transition matrix A.
+    q11, q12, q22 = np.array([0.5, 0.25, 0.25]) * gammainc([1, 2, 3], 2.0 * step)
     drive_1, drive_2 = drive(q11, q12, q22, noise)
     # the record starts in the stationary state: the covariance of an infinite step
     (drive_1[0],), (drive_2[0],) = drive(0.5, 0.25, 0.25, noise[:, :1])
-    decay = math.exp(-q)
+    decay = math.exp(-step)
     x1 = lfilter([1.0], [1.0, -decay], drive_1)
     # the transition matrix is exp(-q) [[1, 0], [q, 1]]; infinity times 0 would be nan
-    coupling = q * decay if math.isfinite(q) else 0.0
+    coupling = step * decay if math.isfinite(step) else 0.0
     drive_2[1:] += coupling * x1[:-1]
     return np.stack([x1, lfilter([1.0], [1.0, -decay], drive_2)])
 
