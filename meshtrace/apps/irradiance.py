@@ -398,7 +398,8 @@ class DepthPlan:
         displacement : float
             Greatest displacement of light between surface and plane [m].
         """
-        image, patch, radius = self.ray.disk(self.depth), self.collector.patch, self.collector.radius
+        image, target = self.ray.disk(self.depth), self.collector
+        patch, radius = target.patch, target.radius
         # a uniform disk of radius r has the variance r^2 / 4 along an axis
         blur = math.sqrt(0.25 * radius**2 + 0.25 * image[1] ** 2 + tilts.max() ** 2)
         cell = blur / _CELLS
