@@ -398,10 +398,10 @@ class DepthPlan:
         displacement : float
             Greatest displacement of light between surface and plane [m].
         """
-        image, target = self.ray.disk(self.depth), self.collector
-        patch, radius = target.patch, target.radius
+        # spot: half-axes of the sun's image
+        spot, patch, radius = self.ray.disk(self.depth), self.collector.patch, self.collector.radius
         # a uniform disk of radius r has the variance r^2 / 4 along an axis
-        blur = math.sqrt(0.25 * radius**2 + 0.25 * image[1] ** 2 + tilts.max() ** 2)
+        blur = math.sqrt(0.25 * radius**2 + 0.25 * spot[1] ** 2 + tilts.max() ** 2)
         cell = blur / _CELLS
         if patch is not None:
             # an edge of a patch cell is a whole number of these cells
@@ -409,7 +409,7 @@ class DepthPlan:
         spacing = min(blur / _RAYS, finest)
         spacing = cell / math.ceil(self.collector.fineness * cell / spacing)  # >= 1 per cell
         # light that lands farther off never reaches the collector
-        reach = radius + image[0] + _BLURS * float(tilts.max())
+        reach = radius + spot[0] + _BLURS * float(tilts.max())
         around = _SCATTERED * self.depth if self.ray.water.b > 0.0 else 0.0
         # half-length of the plane; 3 cells: tuned, for the sharing of light between neighbours
         half = max(reach + around, 0.0 if patch is None else patch[0] + reach) + 3.0 * cell

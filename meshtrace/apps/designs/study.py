@@ -234,18 +234,17 @@ class _Study(LinkModel):
         if key == WIDTH:
             return dict.fromkeys(PERIODS, np.zeros(len(values))), np.zeros(len(values))
         linear = key.endswith("position.0")
-        coordinates = values if linear else np.log(values)
-        links, nodes = self._at(key, values), coordinates[_nodes(key)]
-        # tuned: each loss is a search for a power, of which every other node has one over the view
-        stride = 2 if key == VIEW else 1
+        abscissa = values if linear else np.log(values)
+        # tuned: each pulse loss takes a search for a power; over the view every other node has one
+        stride, links, nodes = 2 if key == VIEW else 1, self._at(key, values), abscissa[_nodes(key)]
         logs, errors = np.array([self.means.log_ratio(link) for link in links]).T
-        by_period: dict[str, Floats] = dict.fromkeys(PERIODS, _through(nodes, logs, coordinates))
+        by_period: dict[str, Floats] = dict.fromkeys(PERIODS, _through(nodes, logs, abscissa))
         if key == LENS:  # which changes no delays
-            return by_period, np.interp(coordinates, nodes, errors)
+            return by_period, np.interp(abscissa, nodes, errors)
         for period in PERIODS:
             losses = np.array([self.pulse_loss(period, link) for link in links[::stride]])
-            by_period[period] = by_period[period] - _through(nodes[::stride], losses, coordinates)
-        return by_period, np.interp(coordinates, nodes, errors)
+            by_period[period] = by_period[period] - _through(nodes[::stride], losses, abscissa)
+        return by_period, np.interp(abscissa, nodes, errors)
 
     def _at(self, key: str, values: Floats) -> list[Link]:
         """Return the links at the nodes of a scan."""
@@ -358,37 +357,34 @@ class _Study(LinkModel):
     def _together(self, period: Period, bounds: Bounds) -> tuple[BestValue, ...]:
         """Return the best combination of lens, view and filter, evaluated in a separate run."""
         radii, views = (self._values(key, bounds[key]) for key in (LENS, VIEW))
-        log_by_radius, log_by_view = (
+        by_radius, by_view = (
             self._logs(key, x)[0][period] for key, x in ((LENS, radii), (VIEW, views))
         )
-        radii, views, log_by_radius, log_by_view = (
-            x[::2] for x in (radii, views, log_by_radius, log_by_view)
-        )
+        radii, views, by_radius, by_view = (x[::2] for x in (radii, views, by_radius, by_view))
         # logarithms of both ratios are added, as if lens and view were independent: the separate
         # run tells how far they are
-        low_width = bounds[WIDTH][0]
+        least = bounds[WIDTH][0]
         reserves = np.array([
             [
                 self.reserve(period, r + v, radius=radius, fov_deg=view,
-                             width=max(low_width, self._least_width(view)))
-                for view, v in zip(views.tolist(), log_by_view, strict=True)
+                             width=max(least, self._least_width(view)))
+                for view, v in zip(views.tolist(), by_view, strict=True)
             ]
-            for radius, r in zip(radii.tolist(), log_by_radius, strict=True)
+            for radius, r in zip(radii.tolist(), by_radius, strict=True)
         ])  # fmt: skip
         i, j = np.unravel_index(int(np.argmax(reserves)), reserves.shape)
         as_good = reserves >= reserves[i, j] - _FLAT_DB
         best = {"radius": float(radii[i]), "fov_deg": float(views[j])}
-        width = max(low_width, self._least_width(best["fov_deg"]))
+        width = max(least, self._least_width(best["fov_deg"]))
         link = self.link.replace(LENS, best["radius"]).replace(VIEW, best["fov_deg"])
         reserve, error = self.reserve_of_run(period, link, width)
         gained = reserve - self.reserve(period)
         note = f"by a separate run; {reserves[i, j]:+.1f} dB by the scans"
-        good_views = views[as_good.any(axis=0)]
-        widths = [max(low_width, self._least_width(v)) for v in good_views.tolist()]
+        widths = [max(least, self._least_width(v)) for v in views[as_good.any(axis=0)].tolist()]
         optics = self.dark.optics
         table = (
             (LENS, "m", optics.radius, best["radius"], radii[as_good.any(axis=1)]),
-            (VIEW, "deg", optics.fov_deg, best["fov_deg"], good_views),
+            (VIEW, "deg", optics.fov_deg, best["fov_deg"], views[as_good.any(axis=0)]),
             (WIDTH, "nm", optics.filter_width_nm, width, np.array(widths)),
         )
         return tuple(
