@@ -167,9 +167,8 @@ def add_bubbles(
 ) -> ScenePlotter:
     """Draw the block of water below the surface, with bubbles in proportion to their density.
 
-    Bubbles are drawn enlarged, and one stands for many, at random places of the law of their
-    density. The far and the near sides, as seen from the camera, are two parts; all other parts are
-    drawn between them.
+    Bubbles are enlarged points at random places, one for many. The far and the near sides, as seen
+    from the camera, are two parts; all other parts are drawn between them.
 
     Parameters
     ----------

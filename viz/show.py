@@ -48,7 +48,7 @@ _SCENE_SIZE = (round(_SCENE_SHARE * SIZE[0]), SIZE[1])
 # square root), and of the sea, in standard deviations of its slope.
 _BRIGHTEST = 16.0
 _STEEPEST = 2.5
-_LIGHT_QUALITY = 4.0  # tuned: moving caustics compress badly, a file of quality 8 would be huge
+_LIGHT_QUALITY = 4.0  # tuned: caustics that move leave an encoder little to predict
 _CELLS = 150  # cells over the half-width of a map
 
 

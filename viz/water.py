@@ -322,7 +322,7 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def screen_colors(radiances: Floats, foam: Floats | None = None) -> NDArray[np.uint8]:
-    """Return the colours (n, 3), 0 to 255, of radiances relative to white, with foam's opacity."""
+    """Return the colours (n, 3), 0 to 255, of radiances over that of white, below any foam."""
     if foam is not None:
         radiances = radiances + foam[:, None] * (FOAM_REFLECTANCE - radiances)
     exposed = EXPOSURE * np.maximum(radiances, 0.0)
@@ -372,7 +372,7 @@ class ShadedSea:
         wind = sea_light.wind_direction_deg
         waves = short_waves(size, texels, variances, least, wind, time)
         self._rest = waves.rest
-        # tuned: no slope has a normal nearer to the horizontal than 0.2
+        # steep normals count as of a z component of 0.2 at least (tuned): no slope is infinite
         self._slopes = -normals[:, :2] / np.maximum(normals[:, 2:], 0.2)
         self._slopes += self._on_lattice(waves.slopes, low, size)
         self._foam = None

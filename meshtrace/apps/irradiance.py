@@ -361,9 +361,9 @@ class DepthPlan:
     ) -> None:  # fmt: skip
         self.sea, self.ray, self.depth, self.collector = sea, ray, depth, collector
         self.scattered, self.still = scattered, ray.at(depth)
+        sizes, lever = wave_sizes(sea, band), ray.lever(depth)
         # displacement of light [m] by the slopes of waves left out: standard deviations along and
         # across the wind
-        sizes, lever = wave_sizes(sea, band), ray.lever(depth)
         if band is not None:
             tilts = np.sqrt(sea.slopes_beyond(band)) * lever  # type: ignore[attr-defined]
         else:
@@ -407,8 +407,10 @@ class DepthPlan:
             # an edge of a patch cell is a whole number of these cells
             cell = patch[1] / math.ceil(patch[1] / cell)
         spacing = min(blur / _RAYS, finest)
-        spacing = cell / math.ceil(self.collector.fineness * cell / spacing)  # >= 1 per cell
-        # light that lands farther off never reaches the collector
+        # a whole number per cell, for even light on still water
+        spacing = cell / math.ceil(self.collector.fineness * cell / spacing)
+        # unscattered light that lands farther off than `reach` [m] is not in the collector's blur;
+        # scattered light follows the pattern as far as `around` [m] beyond
         reach = radius + spot[0] + _BLURS * float(tilts.max())
         around = _SCATTERED * self.depth if self.ray.water.b > 0.0 else 0.0
         # half-length of the plane; 3 cells: tuned, for the sharing of light between neighbours

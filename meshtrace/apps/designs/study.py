@@ -30,7 +30,7 @@ from meshtrace.studies.neighbours import DECIBELS, closing_depth
 # Tuned: accuracy of a design against its cost.
 _FLAT_DB = 0.5  # values this close to the best are as good [dB]
 _POINTS = 49  # values of a scan
-_NODES, _VIEWS = 4, 13  # of these, values that are simulated; over the field of view
+_NODES, _VIEWS = 4, 13  # of these, simulated ones: over other keys, and over the field of view
 _FEW_COUNTS = 100.0  # mean counts in a 1 bit, below which the discrete counts bound the rate
 _WINDOWS = 6  # intervals between the bit rates at which the best averaging window is sought
 _COLOURS = 9  # simulated wavelengths, on common paths

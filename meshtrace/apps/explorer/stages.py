@@ -68,7 +68,7 @@ BACKGROUND_RAYS = 1024
 RAYS = 60
 """Photon paths in the picture."""
 
-# Tuned: a series that is complete within seconds.
+# Tuned: precision and length of the series against its cost.
 FADING_CHAINS = 1024
 FADING_RATE = 8.0  # frames per second of the sea [Hz]
 FADING_FRAMES = 96
@@ -79,7 +79,7 @@ _MOST_ERROR = 0.2  # largest relative standard error of a gain in the series [1]
 _SHOWN_EVERY = 8  # frames between two answers: a part of the series is shown each time
 
 MAP_PHOTONS = (100_000, 1_000_000)
-MAP_CELLS = 41  # along an axis; odd, so that one is in the middle
+MAP_CELLS = 41  # along an axis; odd: one is in the middle
 
 LIMIT = 1e-3
 """Bit error rate that the margin refers to."""
