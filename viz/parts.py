@@ -66,14 +66,14 @@ def add_surface(
     color : str
         "water": as a viewer sees it; "elevation", "slope", "slope_x", "slope_y" or "plain".
     color_limit : float, optional
-        End of the colours, which begin at its negative (slope: 0); the range of the values by
-        default.
+        End of the colour scale, in the unit of `color`; it begins at minus this value, or at 0 for
+        "slope". By default the range of the values.
     edges : bool
         Draw the edges of the facets.
     opacity : float
         0 for clear, 1 for opaque.
     shaded : ShadedSea, optional
-        Colours of "water"; by default those of the mesh without wind in the default daylight.
+        Colours of "water"; by default those of this mesh, without wind, in the default daylight.
     light : str
         Colour of the light on "water": grey for dusk.
 
@@ -113,14 +113,14 @@ def _add_water(
     scene: ScenePlotter, data: pv.PolyData, shaded: ShadedSea, opacity: float, edges: bool,
     light_color: str,
 ) -> None:  # fmt: skip
-    """Draw a surface in the colours seen by the camera, renewed by `look`."""
+    """Draw a surface in the colours that the camera sees; `look` computes them anew."""
     if textured := shaded.grid is not None:
         u, v = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in shaded.grid), indexing="ij")
         data.active_texture_coordinates = np.column_stack([u.ravel(), v.ravel()])
     else:
         data.point_data["tint"] = np.zeros((data.n_points, 3), np.uint8)
     data = _within(data, scene.stage.bounds)
-    # the colours are those of light already: no lamp of the scene may shade them
+    # the colours are those of reflected light: no lamp of the scene shall shade them again
     actor = scene.add_mesh(
         data, name="surface", color=light_color, opacity=opacity, lighting=False,
         ambient=1.0, diffuse=0.0, specular=0.0,
@@ -137,7 +137,7 @@ def _add_water(
         if not textured:
             data.point_data["tint"] = np.rint(colors * to_rgb(light_color)).astype(np.uint8)
             return
-        # an image begins with its top line, where the second coordinate is 1
+        # (nx, ny, 3) to lines of an image, of which the first is the top, v = 1
         texture = pv.Texture(np.ascontiguousarray(colors.transpose(1, 0, 2)[::-1]))
         texture.interpolate, texture.mipmap = True, True
         actor.texture = texture
@@ -147,7 +147,8 @@ def _add_water(
 
 
 def _within(data: pv.PolyData, bounds: Any) -> pv.PolyData:
-    """Cut a surface at the sides of the stage, which a choppy sea exceeds."""
+    """Cut a surface at the sides of the stage, beyond which a choppy sea reaches."""
+    # bounds: x0, x1, y0, y1, z0, z1
     for i, normal in enumerate([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]):
         low, high = bounds[2 * i : 2 * i + 2]
         if data.bounds[2 * i] < low:
@@ -166,10 +167,8 @@ def add_bubbles(
 ) -> ScenePlotter:
     """Draw the block of water below the surface, with bubbles in proportion to their density.
 
-    Bubbles are points at the water's own places, one of many and enlarged.
-
-    Far and near sides, as seen from the camera, are two parts; all other parts are drawn between
-    them.
+    Bubbles are enlarged points at random places, one for many. The far and the near sides, as seen
+    from the camera, are two parts; all other parts are drawn between them.
 
     Parameters
     ----------
@@ -188,8 +187,8 @@ def add_bubbles(
         The same scene.
     """
     ring, bottom = mesh.vertices[outline(mesh)], scene.stage.bottom
-    share = np.linspace(0.0, 1.0, 60)[:, None] ** 2  # finer near the surface, in the bubbles
-    z = ring[:, 2] + share * (bottom - ring[:, 2])
+    fraction = np.linspace(0.0, 1.0, 60)[:, None] ** 2  # finer near the surface
+    z = ring[:, 2] + fraction * (bottom - ring[:, 2])
     x, y = (np.broadcast_to(column, z.shape) for column in ring[:, :2].T)
     grid = pv.StructuredGrid(x[..., None], y[..., None], z[..., None])
     block = grid.extract_surface(algorithm=None)
@@ -198,10 +197,10 @@ def add_bubbles(
         scene.add_mesh(pv.lines_from_points(foot, close=True), color=DEEP_COLORS[0], opacity=0.5)
         floor = pv.PolyData(foot, faces=[len(foot), *reversed(range(len(foot)))]).triangulate()
         block = pv.merge([block, floor], merge_points=False)
-    # water darkens with depth, as light from above decays
+    # water darkens with depth as light from above decays; 3: tuned, to e^-3 at the bottom
     dark = 1.0 - np.exp(-3.0 * np.clip(block.points[:, 2:] / bottom, 0.0, 1.0))
     shallow, deep = (np.array(to_rgb(c)) for c in DEEP_COLORS)
-    # facets that face the camera are the near sides
+    # near sides face the camera: culling removes the others; opacities are tuned
     name, culling, alpha = ("near water", "back", 0.302) if near else ("water", "front", 0.97)
     scene.add_tinted(block, shallow + dark * (deep - shallow), alpha, name=name, culling=culling)
     if bubbles is not None and not near:
@@ -210,21 +209,23 @@ def add_bubbles(
 
 
 def _add_points(scene: ScenePlotter, mesh: TriangleMesh, bubbles: BubblePopulation) -> None:
-    """Draw bubbles with density proportional to their scattering, in three sizes."""
+    """Draw bubbles in number proportional to their scattering at each depth, in three sizes."""
     stage, rng = scene.stage, np.random.default_rng(1)
     depth = np.linspace(0.0, -stage.bottom, 2001)
-    b = bubbles.b(depth)  # the trapezoidal rule: scipy.integrate takes seconds to import
-    through = np.append(0.0, np.cumsum(0.5 * (b[1:] + b[:-1]) * np.diff(depth)))
-    n = int(min(_BUBBLES_SHOWN * through[-1] / _THICK, 2.0 * _BUBBLES_SHOWN))
+    b = bubbles.b(depth)
+    # optical thickness from the surface down; trapezoidal: scipy.integrate takes seconds to import
+    cumulated = np.append(0.0, np.cumsum(0.5 * (b[1:] + b[:-1]) * np.diff(depth)))
+    n = int(min(_BUBBLES_SHOWN * cumulated[-1] / _THICK, 2.0 * _BUBBLES_SHOWN))
     x, y = (c + stage.half * rng.uniform(-1.0, 1.0, n) for c in stage.center)
     z = surface_sampler(mesh)(np.column_stack([x, y]))
-    # depths by the inverse of the cumulated scattering: as many bubbles as they scatter
-    z -= np.interp(rng.uniform(0.0, through[-1], n), through, depth)
+    # depths below the surface by inversion: uniform in optical thickness
+    z -= np.interp(rng.uniform(0.0, cumulated[-1], n), cumulated, depth)
     inside = z > stage.bottom
     points = np.column_stack([x, y, z])[inside]
+    # points are sized for windows of 1600 pixels
     pixel = scene.window_size[0] / 1600.0
     for i, (size, alpha) in enumerate(((2.0, 0.3), (3.0, 0.5), (5.0, 0.7))):
-        # the largest are a quarter as many
+        # a third of the points each, but only a quarter of the largest
         subset = points[i::3] if i < 2 else points[2::12]
         if len(subset):
             scene.add_mesh(
@@ -235,21 +236,21 @@ def _add_points(scene: ScenePlotter, mesh: TriangleMesh, bubbles: BubblePopulati
 
 
 _BUBBLES_SHOWN, _THICK = 12_000, 0.05
-"""Bubbles drawn in a layer of an optical thickness."""
+"""Bubbles drawn, and the optical thickness of scattering at which there are so many (tuned)."""
 
 
 def outline(mesh: TriangleMesh) -> np.ndarray:
-    """Return the numbers of the vertices along the edge, anticlockwise and first as last."""
+    """Return the indices of the vertices along the edge of a mesh, anticlockwise and closed."""
     facets = pv.PolyData.from_regular_faces(mesh.vertices, mesh.faces.astype(int))
     facets["vertex"] = np.arange(facets.n_points)
     edge = facets.extract_feature_edges(
         boundary_edges=True, feature_edges=False, manifold_edges=False, non_manifold_edges=False
     )
-    # in one piece: strips end at a thousand points by default
+    # in one piece: by default strips end after a thousand points
     loop = edge.strip(join=True, max_length=edge.n_points + 1)
     ring = np.asarray(loop["vertex"])[loop.lines[1 : loop.lines[0] + 1]]
     x, y = mesh.vertices[ring, :2].T
-    # the sign of the area by the shoelace formula
+    # twice the signed area (shoelace formula), negative if clockwise
     clockwise = float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1])) < 0.0
     return ring[::-1] if clockwise else ring
 
@@ -266,24 +267,24 @@ def add_transmitter(
         if not isinstance(source, WaterSource | AirLamp):
             _add_sky(scene, source, labels)
             continue
-        place = source.center
-        half = source.spread_deg
-        if half < 180.0:
-            if scene.stage.contains(place):
-                _add_beam(scene, mesh, link.water.c, place, source.axis, half)
-            _add_cone(scene, mesh, place, source.axis, half, LED_COLOR, fill=0.0)
-        if not scene.stage.contains(place):
+        center = source.center
+        half_angle = source.spread_deg
+        if half_angle < 180.0:
+            if scene.stage.contains(center):
+                _add_beam(scene, mesh, link.water.c, center, source.axis, half_angle)
+            _add_cone(scene, mesh, center, source.axis, half_angle, LED_COLOR, fill=0.0)
+        if not scene.stage.contains(center):
             continue
-        ball = pv.Sphere(radius=0.012 * scene.stage.size, center=place)
+        ball = pv.Sphere(radius=0.012 * scene.stage.size, center=center)
         scene.add_mesh(ball, color=LED_COLOR, ambient=0.7, specular=0.3)
-        angle = f"\nhalf-angle {half:g}°" if half < 180.0 else ""
+        angle = f"\nhalf-angle {half_angle:g}°" if half_angle < 180.0 else ""
         if labels:
-            _label(scene, place, 0.03, ", ".join(words_of(source)) + angle)
+            _label(scene, center, 0.03, ", ".join(words_of(source)) + angle)
     return scene
 
 
 def words_of(item: Source | Aperture) -> list[str]:
-    """Return the kind of a source or receiver and its level, if it has one."""
+    """Return the words for the kind of a source or receiver and, if it has one, height or depth."""
     name = "LED" if getattr(item, "pattern", "") == "led" else item.kind.replace("-", " ")
     keys = [key for key in ("height", "depth") if hasattr(item, key)]
     return [name, *(f"{key} {getattr(item, key):g} m" for key in keys)]
@@ -291,15 +292,15 @@ def words_of(item: Source | Aperture) -> list[str]:
 
 def _add_sky(scene: ScenePlotter, source: Any, labels: bool) -> None:
     """Draw the square of the sea under a sun or sky, with the direction of the light."""
-    stage, w = scene.stage, source.half_width
-    along, target = np.array(source.axis), np.array(source.center)
-    square = pv.Plane(center=target, i_size=2.0 * w, j_size=2.0 * w).extract_feature_edges()
+    stage, half = scene.stage, source.half_width  # [m]
+    direction, target = np.array(source.axis), np.array(source.center)
+    square = pv.Plane(center=target, i_size=2.0 * half, j_size=2.0 * half).extract_feature_edges()
     scene.add_mesh(square.tube(radius=0.002 * stage.size), color=LED_COLOR, lighting=False)
     length = 0.2 * stage.size
-    arrow = pv.Arrow(start=target - length * along, direction=along, scale=length)
+    arrow = pv.Arrow(start=target - length * direction, direction=direction, scale=length)
     scene.add_mesh(arrow, color=LED_COLOR, ambient=0.5)
     if labels:
-        add_labels(scene, [target - 1.1 * length * along], [source.kind.replace("-", " ")])
+        add_labels(scene, [target - 1.1 * length * direction], [source.kind.replace("-", " ")])
 
 
 def add_receiver(
@@ -312,23 +313,24 @@ def add_receiver(
 ) -> ScenePlotter:
     """Draw every receiver: its disk, enlarged for visibility, and its field of view.
 
-    Texts are `aside` [m] at least, beyond a map around it.
+    Texts are at least `aside` [m] from the receiver, beside a map around it.
     """
     stage = scene.stage
     for receiver in link.receivers:
         x, y, z = receiver.axis
-        half = receiver.fov_deg / 2.0
-        _add_cone(scene, mesh, receiver.center, (-x, -y, -z), half, RECEIVER_COLOR)
+        # the cone of the field of view opens against the axis
+        half_fov = receiver.fov_deg / 2.0
+        _add_cone(scene, mesh, receiver.center, (-x, -y, -z), half_fov, RECEIVER_COLOR)
         if not stage.contains(receiver.center):
             continue
-        radius = max(receiver.radius, 0.016 * stage.size)  # to be seen
+        radius = max(receiver.radius, 0.016 * stage.size)  # tuned: large enough to be visible
         disk = pv.Cylinder(
             center=receiver.center, direction=receiver.axis, radius=radius, height=0.15 * radius
         )
         scene.add_mesh(disk, color=RECEIVER_COLOR, ambient=0.4)
         scale = radius / receiver.radius
-        drawn = "" if scale == 1.0 else f"\n(drawn {scale:.2g}x)"
-        text = f"receiver, radius {receiver.radius:g} m{drawn}\nfield of view {receiver.fov_deg:g}°"
+        size = "" if scale == 1.0 else f"\n(drawn {scale:.2g}x)"
+        text = f"receiver, radius {receiver.radius:g} m{size}\nfield of view {receiver.fov_deg:g}°"
         if labels:
             _label(scene, receiver.center, max(0.075, aside / stage.size), text)
     return scene
@@ -349,7 +351,7 @@ def _add_cone(
     color: str,
     fill: float = 0.1,
 ) -> None:
-    """Draw a cone from its apex to the surface, unless it is wider than the stage."""
+    """Draw a cone from its apex to the surface, unless it is wider than the stage or 85 degrees."""
     if not 0.0 < half_deg < 85.0:
         return
     stage = scene.stage
@@ -357,32 +359,35 @@ def _add_cone(
     x0, x1, y0, y1, *_ = stage.bounds
     if not ((rim[:, :2] >= (x0, y0)) & (rim[:, :2] <= (x1, y1))).all():
         return
-    row = np.arange(len(rim) - 1)  # a triangle between the apex and each side of the rim
-    faces = np.column_stack([np.full_like(row, 3), np.zeros_like(row), row + 1, row + 2])
+    side = np.arange(len(rim) - 1)  # a triangle between the apex and each side of the rim
+    faces = np.column_stack([np.full_like(side, 3), np.zeros_like(side), side + 1, side + 2])
     cone = pv.PolyData(np.vstack([apex, rim]), faces=faces.ravel())
-    # lifted a little, or it would flicker with the surface
+    # lifted off the surface, or both would flicker
     ring = pv.lines_from_points(rim + 2e-3 * stage.size * Z).tube(radius=0.0014 * stage.size)
     for part, opacity in ((cone, fill), (ring, 0.9)):
-        shown = part.clip_box(stage.bounds, invert=False)
-        if shown.n_cells and opacity:
-            scene.add_mesh(shown, color=color, opacity=opacity, lighting=False)
+        inside = part.clip_box(stage.bounds, invert=False)
+        if inside.n_cells and opacity:
+            scene.add_mesh(inside, color=color, opacity=opacity, lighting=False)
 
 
-_SHELLS = 8
+_SHELLS = 8  # tuned: nested cones that stand for a beam
 
 
 def _add_beam(
     scene: ScenePlotter, mesh: TriangleMesh, c: float, apex: Vector, axis: Vector, half_deg: float
 ) -> None:
-    """Draw the light of a lamp as shells within its cone that fade as exp(-c s), c in the water."""
-    stage, share = scene.stage, np.linspace(0.0, 1.0, 40)[:, None, None]
-    loss = c if apex[2] < 0.0 else 0.0
+    """Draw the light of a lamp as nested cones that fade over their length s as exp(-c s).
+
+    In the air they do not fade; c is the attenuation of the water [m-1].
+    """
+    stage, fraction = scene.stage, np.linspace(0.0, 1.0, 40)[:, None, None]
+    attenuation = c if apex[2] < 0.0 else 0.0
     for i in range(1, _SHELLS + 1):
         rim = cone_rim(mesh, apex, axis, min(half_deg, 80.0) * i / _SHELLS, 2.0 * stage.size)
-        points = np.array(apex) + share * (rim - apex)
-        way = np.linalg.norm(points - apex, axis=2)
+        points = np.array(apex) + fraction * (rim - apex)
+        distance = np.linalg.norm(points - apex, axis=2)
         grid = pv.StructuredGrid(*(points[..., k][..., None] for k in range(3)))
-        grid.point_data["alpha"] = (0.11 * np.exp(-loss * way)).ravel(order="F")
+        grid.point_data["alpha"] = (0.11 * np.exp(-attenuation * distance)).ravel(order="F")
         shell = grid.extract_surface(algorithm=None)
         scene.add_tinted(shell, LIGHT_COLOR, shell["alpha"], clipped=True)
 
@@ -395,13 +400,14 @@ def cone_rim(
     Rays without a crossing within `longest` [m] end there.
     """
     azimuth, half = np.linspace(0.0, 2.0 * math.pi, 97), math.radians(half_deg)
-    around = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1) * math.sin(half)
-    rays = np.column_stack([around, np.full(97, math.cos(half))]) @ rotation_from_z(axis).T
+    across = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1) * math.sin(half)
+    rays = np.column_stack([across, np.full(97, math.cos(half))]) @ rotation_from_z(axis).T
+    # towards: +1 up from under water, -1 down from the air
     elevation, towards = surface_sampler(mesh), -math.copysign(1.0, apex[2])
     # level rays and those that turn away end at the longest length
     climb = np.maximum(towards * rays[:, 2], 1e-3)
     rim, z = np.empty_like(rays), np.zeros(97)
-    for _ in range(6):  # a fixed point: the ray is as high as the sea below it
+    for _ in range(6):  # fixed point, tuned: the end of a ray is as high as the sea there
         length = np.clip(towards * (z - apex[2]) / climb, 0.0, longest)
         rim = np.array(apex) + length[:, None] * rays
         z = elevation(rim[:, :2])
@@ -418,7 +424,7 @@ def add_uav(scene: ScenePlotter, link: Link) -> ScenePlotter:
 
 
 def carried(link: Link) -> Iterator[tuple[Vector, Vector]]:
-    """Yield place and upward axis of each aircraft, which carries a receiver or a lamp."""
+    """Yield place and upward axis of each aircraft: one for each receiver or lamp in the air."""
     for receiver in link.receivers:
         if isinstance(receiver, Receiver):
             yield receiver.center, receiver.axis
@@ -429,7 +435,7 @@ def carried(link: Link) -> Iterator[tuple[Vector, Vector]]:
 
 
 def quadcopter(arm: float, center: Vector, up: Vector) -> pv.PolyData:
-    """Return an aircraft with arms of a length [m], whose payload is at a place."""
+    """Return an aircraft with arms of length `arm` [m], whose payload is at `center` [m]."""
     glyph = _unit_quadcopter().copy()
     glyph.points *= arm
     glyph.points = glyph.points @ rotation_from_z(up).T + np.array(center)
@@ -438,6 +444,7 @@ def quadcopter(arm: float, center: Vector, up: Vector) -> pv.PolyData:
 
 @cache
 def _unit_quadcopter() -> pv.PolyData:
+    """Return an aircraft with arms of length 1 along the diagonals of x and y, payload at 0."""
     up = 0.28
     body = pv.Cube(center=(0, 0, up), x_length=0.7, y_length=0.5, z_length=up)
     parts = [body.triangulate()]
@@ -453,6 +460,6 @@ def _unit_quadcopter() -> pv.PolyData:
 def rotation_from_z(normal: Vector) -> np.ndarray:
     """Return a rotation (3, 3) that turns +z to a unit vector, about a horizontal axis."""
     if normal[2] < -1.0 + 1e-12:
-        # straight down any horizontal axis will do: the x axis
+        # to turn +z straight down any horizontal axis will do: half a turn about x
         return np.diag([1.0, -1.0, -1.0])
     return Rotation.align_vectors([normal], [Z])[0].as_matrix()

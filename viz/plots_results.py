@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -27,11 +26,11 @@ from . import marks
 from .plots_curves import plot_curves
 from .style import INK, LED_COLOR, PALETTE, axis_label, verbatim
 
-_LINE: Any = {"color": INK, "lw": 0.8}
-_SHOWN = 1e-6  # of the largest bar, down to which bars are drawn
-_TIMES_SHOWN = 10.0  # coherence times along the axis of lags
-_COVERED = 20.0  # decibels below the highest gain of a map that have colours
-_LARGEST_ERROR = 0.4  # of a bin of an impulse response that is drawn, over its value
+# Tuned, for the eye.
+_SHOWN = 1e-6  # smallest gain of an order of scattering that is drawn, over the largest
+_TIMES_SHOWN = 10.0  # length of the axis of lags, in coherence times
+_COVERED = 20.0  # range of the colours of a map below its highest gain [dB]
+_LARGEST_ERROR = 0.4  # largest relative standard error of a bin of an impulse response drawn
 _FITS = {"lognormal": fading.fit_lognormal, "gamma-gamma": fading.fit_gamma_gamma}
 
 
@@ -41,7 +40,7 @@ def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     result : GainResult
-        Gain of one link.
+        Gain of one link, with any number of receivers.
     ax : matplotlib Axes, optional
         Axes to draw on.
 
@@ -51,23 +50,24 @@ def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
     """
     if result.gain_order is None:
         return plot_fates(result, ax=ax)
-    direct = np.atleast_1d(0.0 if result.gain_ballistic is None else result.gain_ballistic)
-    gains = np.column_stack([direct, result.gain_order])
-    most, names = float(gains.max()), [f"receiver {i}" for i in range(len(gains))]
-    last = max(np.flatnonzero((gains > _SHOWN * most).any(axis=0)), default=0)
+    # column 0: unscattered light; then one per order of scattering
+    unscattered = np.atleast_1d(0.0 if result.gain_ballistic is None else result.gain_ballistic)
+    gains = np.column_stack([unscattered, result.gain_order])
+    highest, receivers = float(gains.max()), [f"receiver {i}" for i in range(len(gains))]
+    last = max(np.flatnonzero((gains > _SHOWN * highest).any(axis=0)), default=0)
     # a logarithmic axis has no place for 0
     quantities = {"gain": np.where(gains > 0.0, gains, np.nan)}
-    data = marks.dataset(quantities, receiver=names, order=range(gains.shape[1]))
+    data = marks.dataset(quantities, receiver=receivers, order=range(gains.shape[1]))
     shown = data if len(gains) > 1 else data.isel(receiver=0)
     ax = marks.lines(ax, shown, "gain", ("o:",), lw=0.8)
-    if most > 0.0:
-        ax.set(yscale="log", ylim=(_SHOWN * most, 2.0 * most))
+    if highest > 0.0:
+        ax.set(yscale="log", ylim=(_SHOWN * highest, 2.0 * highest))
     ax.set_xlim(-0.6, last + 0.6)
     return ax
 
 
 def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
-    """Plot the fates of the light: share of the launched weight, with its number.
+    """Plot the fates of the light as bars with numbers: shares of the launched weight.
 
     Parameters
     ----------
@@ -112,12 +112,12 @@ def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None)
     Axes
     """
     data = _dataset(series, "gain", "gain_stderr")[["gain", "gain_stderr"]]
-    along, *others = data["gain"].dims
-    if seas := along == "realization":  # numbers in place of seeds
-        data = data.assign_coords(realization=np.arange(data.sizes[along]))
-    for receiver in others[:1]:
+    dimension, *receiver_dims = data["gain"].dims
+    if seas := dimension == "realization":  # seeds are no abscissa: they are numbered
+        data = data.assign_coords(realization=np.arange(data.sizes[dimension]))
+    for receiver in receiver_dims[:1]:
         names = [f"receiver {i}" for i in range(data.sizes[receiver])]
-        data = data.transpose(receiver, along).assign_coords({receiver: names})
+        data = data.transpose(receiver, dimension).assign_coords({receiver: names})
     ax = plot_curves(data, "gain", style="o" if seas else "-", ax=ax)
     if seas:
         ax.set_xlabel("realization")
@@ -125,12 +125,12 @@ def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None)
 
 
 def plot_series(series: GainSeries, *, ax: Axes | None = None) -> Axes:
-    """Plot a series over time, and the density of the gains of an ensemble of one receiver."""
+    """Plot a series over time; of an ensemble with one receiver the density of the gains."""
     if series.along == "time" or series.gain.ndim > 1:
         return plot_gain_series(series, ax=ax)
     try:
         return plot_gain_pdf(series, ax=ax)
-    except Refused:  # too few seas for a law, or dark ones
+    except Refused:  # too few seas for a law, or seas without light
         return plot_gain_series(series, ax=ax)
 
 
@@ -140,7 +140,7 @@ def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     series : GainSeries
-        Of `time_series` with a route.
+        Result of `time_series` with a route.
     ax : matplotlib Axes, optional
         Axes to draw on.
 
@@ -157,9 +157,11 @@ def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
     if "route" not in origin:
         raise Refused("series", Described("no route"), "a time series along a route")
     ax, route = marks.axes(ax), Route.model_validate(origin["route"])
+    # the height, here 1 m, does not matter from above
     x, y = route.at(series.time, 1.0).position.T
     ax.plot(*np.transpose(route.positions), zorder=1, color=INK, lw=0.8)
     points = ax.scatter(x, y, c=series.gains[:, 0], s=24, zorder=2)
+    # the colour bar along the longer side
     side = "bottom" if np.ptp(x) > 1.5 * np.ptp(y) else "right"
     ax.figure.colorbar(points, ax=ax, label=axis_label("gain"), location=side)
     link = Link.model_validate(origin["link"])
@@ -175,12 +177,13 @@ def plot_gain_pdf(
     bins: int | str = "auto",
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot the density of the gain with two standard errors, and fitted fading laws.
+    """Plot the probability density of the gain with two standard errors, and fitted fading laws.
 
     Parameters
     ----------
     series : GainSeries or xarray.Dataset
-        With `gain` and `gain_stderr` of one receiver; the noise is removed from the variance.
+        Series with `gain` and `gain_stderr` of one receiver. For the fits the Monte Carlo noise is
+        removed from the variance (`fading.remove_noise`).
     fits : sequence of str
         Laws to fit: "lognormal", "gamma-gamma".
     bins : int or str
@@ -198,12 +201,11 @@ def plot_gain_pdf(
         If a law is unknown or the gains cannot be fitted.
     """
     gain, laws = _fitted(series, fits)
-    edges, density, stderr = fading.gain_pdf(*gain, bins=bins)
+    edges, density, density_stderr = fading.gain_pdf(*gain, bins=bins)
     ax = marks.axes(ax)
     ax.stairs(density, edges, fill=True, color=PALETTE["sky"], alpha=0.45)
-    # errors stand at the middle of the bins
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    ax.errorbar(middle, density, 2.0 * stderr, fmt="none", ecolor=INK, lw=0.9)
+    centers = 0.5 * (edges[1:] + edges[:-1])
+    ax.errorbar(centers, density, 2.0 * density_stderr, fmt="none", ecolor=INK, lw=0.9)
     x = np.linspace(edges[0], edges[-1], 400)
     # bins may begin at 0, where the laws have no density
     x = x[x > 0.0]
@@ -227,7 +229,7 @@ def plot_gain_cdf(
     series, fits, ax
         As in `plot_gain_pdf`.
     n_effective : float, optional
-        Independent samples, for the band; see `fading.effective_samples`.
+        Number of independent samples, for the band; see `fading.effective_samples`.
 
     Returns
     -------
@@ -261,8 +263,8 @@ def _fitted(
             raise Refused("fits", name, ", ".join(_FITS))
     data = _dataset(series, "gain", "gain_stderr")
     gain = data["gain"].to_numpy(), data["gain_stderr"].to_numpy()
-    clean = fading.remove_noise(*gain)
-    return gain, {name: _FITS[name](clean) for name in names}
+    without_noise = fading.remove_noise(*gain)
+    return gain, {name: _FITS[name](without_noise) for name in names}
 
 
 def _dataset(result: GainSeries | CoverageMap | xr.Dataset, *names: str) -> xr.Dataset:
@@ -278,14 +280,14 @@ def _dataset(result: GainSeries | CoverageMap | xr.Dataset, *names: str) -> xr.D
 def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None = None) -> Axes:
     r"""Plot the autocorrelation of the gain with the coherence time at 1/e.
 
-    The grey band has the correlations that a record without any would show by chance,
+    A series without correlation would stay within the grey band, two standard errors
     :math:`\pm 2 / \sqrt{n_\mathrm{eff}}` of its effective samples. The axis ends at ten
     coherence times.
 
     Parameters
     ----------
     statistics : FadingStatistics
-        Of a time series.
+        Statistics of a time series.
     ax : matplotlib Axes, optional
         Axes to draw on.
 
@@ -307,12 +309,13 @@ def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None
     if tau is not None and np.isfinite(tau.value):
         shade = PALETTE["vermilion"]
         step = float(statistics.lag[1] - statistics.lag[0])
-        finer = tau.value > step  # shorter ones are an interpolation between two samples
+        finer = tau.value > step  # shorter ones are interpolated
         label = f"coherence time {tau.value:.3g} s" if finer else f"coherence time < {step:.3g} s"
         ax.axvspan(tau.low, tau.high, color=shade, alpha=0.15, lw=0)
         ax.axvline(tau.value, color=shade, label=label)
         noise = 2.0 / np.sqrt(statistics.n_effective)
         ax.axhspan(-noise, noise, color="0.5", alpha=0.15, lw=0, label="± 2 standard errors of 0")
+        # a coherence time within a few steps would leave the axis almost empty of samples
         ax.set_xlim(0.0, min(_TIMES_SHOWN * max(tau.value, 5.0 * step), statistics.lag[-1]))
         marks.note(ax, f"samples every {step:.3g} s, band: interval of the coherence time")
     return marks.finished(ax)
@@ -343,14 +346,14 @@ def plot_coverage(
     x, y, gain = (data[name].to_numpy() for name in ("x", "y", "gain"))
     if gain.shape != (*x.shape, *y.shape) or not gain.size:
         raise Refused("gain", Described(f"shape {gain.shape}"), "values over x and y")
-    unknown = np.full(gain.shape, np.inf)
-    stderr = data["gain_stderr"].to_numpy() if "gain_stderr" in data else unknown
-    place, level = place_of_highest(gain, stderr), as_high(gain, stderr).sum()
+    no_errors = np.full(gain.shape, np.inf)
+    stderr = data["gain_stderr"].to_numpy() if "gain_stderr" in data else no_errors
+    place, cells_as_high = place_of_highest(gain, stderr), as_high(gain, stderr).sum()
     if ax is None:
         ax = marks.axes(None)
-        ax.figure.set(figwidth=5.3)  # as a square and its colour bar are
+        ax.figure.set(figwidth=5.3)  # [inch] tuned: a square map and its colour bar
     label, shown = axis_label("gain"), gain
-    # contours of a noisy map would be islands of single cells
+    # smoothed by a cell: contours of a noisy map would be islands of single cells
     smooth = gaussian_filter(gain, 1.0, mode="nearest")
     low, top = None, None
     if decibel and gain.max() > 0.0:
@@ -359,19 +362,19 @@ def plot_coverage(
         low = max(top - _COVERED, float(np.nanmin(shown)))
     marks.heat_map(ax, x, y, shown, label, vmin=low, vmax=top)
     if min(gain.shape) > 2 and smooth.max() > smooth.min():
-        # cells without light lie below all contours
-        below = 10.0 * np.log10(np.maximum(smooth / smooth.max(), 1e-12))
+        # decibels below the highest; the floor of -120 dB is for cells without light
+        decibels = 10.0 * np.log10(np.maximum(smooth / smooth.max(), 1e-12))
         lines = ax.contour(
-            x, y, below.T, [-20.0, -10.0, -6.0, -3.0], colors="white", linewidths=1.0,
+            x, y, decibels.T, [-20.0, -10.0, -6.0, -3.0], colors="white", linewidths=1.0,
             linestyles="-",
         )  # fmt: skip
         ax.clabel(lines, fmt=lambda v: f"{v:g} dB", fontsize=8)
     if place is not None:
-        at = x[place[0]], y[place[1]]
-        ax.plot(*at, "*", color=LED_COLOR, mec=INK, ms=11, clip_on=False)
-        marks.note(ax, f"star: highest gain, at x = {at[0]:.3g} m, y = {at[1]:.3g} m")
+        highest = x[place[0]], y[place[1]]
+        ax.plot(*highest, "*", color=LED_COLOR, mec=INK, ms=11, clip_on=False)
+        marks.note(ax, f"star: highest gain, at x = {highest[0]:.3g} m, y = {highest[1]:.3g} m")
     elif np.isfinite(stderr).all() and smooth.max() > 0.0:
-        marks.note(ax, f"highest gain: {level} cells are equal within errors")
+        marks.note(ax, f"highest gain: {cells_as_high} cells are equal within errors")
     return ax
 
 
@@ -383,8 +386,8 @@ def plot_impulse_response(
 ) -> Axes:
     """Plot impulse responses, logarithmic, with bands of two standard errors.
 
-    A response ends at the first bin after its peak with a standard error beyond 40 % of its value,
-    that of a few photons.
+    A response ends at the first bin after its peak with a standard error beyond 40 % of its value:
+    few photons reach such bins.
 
     Parameters
     ----------
@@ -409,16 +412,15 @@ def plot_impulse_response(
     floor = top * 10.0**-decades
     for name, response in named.items():
         edges, h, error = marks.scaled("delay", response.edges)[0], response.h, response.h_stderr
-        known = (error <= _LARGEST_ERROR * h) & (h > 0.0)
-        later = np.arange(len(h)) > np.argmax(h)
-        # up to the first noisy bin behind the peak:
-        # beyond it single photons make bins of any height
-        known &= np.cumsum(later & ~known) == 0
-        shown = np.where(known, np.maximum(h, floor), np.nan)
+        reliable = (error <= _LARGEST_ERROR * h) & (h > 0.0)
+        after_peak = np.arange(len(h)) > np.argmax(h)
+        # up to the first noisy bin after the peak: beyond, single photons make bins of any height
+        reliable &= np.cumsum(after_peak & ~reliable) == 0
+        shown = np.where(reliable, np.maximum(h, floor), np.nan)
         spread = f"rms delay spread {1e9 * response.rms_delay_spread:.3g} ns"
         label = f"{name}, {spread}" if name else spread
         marks.density(ax, edges, shown, error, floor, label)
-        last = max(last, float(np.max(edges[1:][known & (h > floor)], initial=0.0)))
+        last = max(last, float(np.max(edges[1:][reliable & (h > floor)], initial=0.0)))
     if not last > 0.0:
         raise Refused("responses", Described("single photons alone"), "responses with more light")
     marks.note(ax, "band: ± 2 standard errors")
@@ -432,7 +434,7 @@ def plot_background(result: Background | BackgroundSeries, *, ax: Axes | None = 
     Parameters
     ----------
     result : Background or BackgroundSeries
-        Of `background` or `background_series`.
+        Result of `background` or `background_series`.
     ax : matplotlib Axes, optional
         Axes to draw on.
 
@@ -441,6 +443,7 @@ def plot_background(result: Background | BackgroundSeries, *, ax: Axes | None = 
     Axes
     """
     data = result.to_dataset().assign_coords(part=list(PARTS)).transpose("part", ...)
+    # only parts that have light
     data = data.isel(part=[np.any(radiance) for radiance in result.parts.values()])
     if isinstance(result, BackgroundSeries):
         return marks.finished(marks.lines(ax, data, "part_radiance"), ylim=(0.0, None))
@@ -455,7 +458,7 @@ def plot_irradiance(series: IrradianceSeries, *, ax: Axes | None = None) -> Axes
     Parameters
     ----------
     series : IrradianceSeries
-        Of `irradiance_series`.
+        Result of `irradiance_series`.
     ax : matplotlib Axes, optional
         Axes to draw on.
 
@@ -468,12 +471,12 @@ def plot_irradiance(series: IrradianceSeries, *, ax: Axes | None = None) -> Axes
 
 
 def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
-    """Plot an eye diagram over two bits: mean signal of each bit pattern, standard deviation.
+    """Plot an eye diagram over two bits: mean and standard deviation of the signal by bit pattern.
 
     Parameters
     ----------
     eye : Eye
-        Of `OokLink.eye`.
+        Result of `OokLink.eye`.
     ax : matplotlib Axes, optional
         Axes to draw on.
 
@@ -486,10 +489,10 @@ def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
     ax, time = marks.axes(ax), marks.scaled("delay", eye.time)[0]
     floor = eye.level.min()
     for bit, shade, name in ((True, "vermilion", "one"), (False, "blue", "zero")):
-        chosen = np.flatnonzero(eye.bits[:, 0] == bit)
-        level, std = (eye.level[chosen] - floor) / eye.swing, eye.std[chosen] / eye.swing
+        patterns = np.flatnonzero(eye.bits[:, 0] == bit)
+        level, std = (eye.level[patterns] - floor) / eye.swing, eye.std[patterns] / eye.swing
         color = PALETTE[shade]
-        for start in (0.0, time[-1]):  # every pattern may follow in the second bit
+        for start in (0.0, time[-1]):  # drawn twice: any pattern may follow
             ax.plot(start + time, level.T, color=color, lw=0.8, alpha=0.6)
             ax.add_patch(_cover(start + time, level - std, level + std, color))
         ax.plot([], [], color=color, label=name)
@@ -503,9 +506,9 @@ def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
 
 def _cover(x: Floats, low: Floats, high: Floats, color: str) -> PathPatch:
     """Return the union of the bands of many curves (curves, n) as one patch."""
-    there, back = np.broadcast_to(x, low.shape), np.broadcast_to(x[::-1], low.shape)
-    around = np.stack([np.hstack([there, back]), np.hstack([low, high[:, ::-1]])], axis=-1)
-    closed = np.concatenate([around, around[:, :1]], axis=1)
-    # one path, since translucent bands that overlap would add up to darker tones
+    forward, backward = np.broadcast_to(x, low.shape), np.broadcast_to(x[::-1], low.shape)
+    corners = np.stack([np.hstack([forward, backward]), np.hstack([low, high[:, ::-1]])], axis=-1)
+    closed = np.concatenate([corners, corners[:, :1]], axis=1)
+    # one path: translucent bands of their own would be darker where they overlap
     outline = Path.make_compound_path(*(Path(loop, closed=True) for loop in closed))
     return PathPatch(outline, color=color, alpha=0.22, lw=0)

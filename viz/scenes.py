@@ -32,7 +32,7 @@ from .water import SeaLight, ShadedSea
 PathColor = Literal["fate", "weight"]
 
 RECEIVED_SHOWN = 40
-"""Number of paths of received light shown with other paths."""
+"""Number of paths of received light drawn along with paths of any light."""
 
 MOST_CELLS = 1000
 """Largest number of mesh cells along the half-width of the sea."""
@@ -41,9 +41,9 @@ ACRONYMS = {"jonswap": "JONSWAP", "tma": "TMA"}
 """Kinds of seas written in capitals."""
 
 FOOTPRINT_PATHS = 2000
-"""Number of paths of received light for the footprint."""
+"""Number of paths of received light that make the footprint."""
 
-_DUSK = "#728CA6"  # light on the sea of a link without daylight
+_DUSK = "#728CA6"  # colour of the light on the sea of a link without daylight
 
 _Pixels = Annotated[int, Field(ge=1, le=10_000)]
 
@@ -57,8 +57,8 @@ class SceneStyle(Model, frozen=True):
         Colour of the surface: "water" as a viewer sees it, "elevation", "slope", "slope_x",
         "slope_y", "plain".
     color_limit : float, optional
-        End of the colours of the surface, which begin at its negative (slope: 0); the range of
-        the values by default.
+        End of the colour scale of the surface, in the unit of `color`; it begins at minus this
+        value, or at 0 for "slope". By default the range of the values.
     path_color : {"fate", "weight"}
         Colour of the paths.
     edges : bool
@@ -66,7 +66,7 @@ class SceneStyle(Model, frozen=True):
     opacity : float
         Opacity of the surface.
     footprint : bool
-        With received light, draw its crossings of the surface.
+        Draw where received light crosses the surface.
     bubbles, uav, labels : bool
         Draw the bubbles, the aircraft, scale and texts.
     extent, spacing : float, optional
@@ -176,7 +176,7 @@ def scene(
             stage, off_screen=style.off_screen or None, window_size=style.window_size
         )
     plotter.wipe()
-    plotter.suppress_rendering = True  # once shown, it would be rendered after every part
+    plotter.suppress_rendering = True  # else a shown scene is rendered after each part
     shown = shown_mesh(surface, stage, time, style.spacing)
     bubbles = link.bubbles if link is not None and style.bubbles else None
     if isinstance(coverage, int):
@@ -203,21 +203,22 @@ def scene(
     if link is not None:
         trace = partial(trace_paths, link, surface, time=time, seed=seed)
         paths = trace(paths) if isinstance(paths, int) else paths
-        crossing, brightest = received_light(trace, paths, received)
-        for drawn in (paths, brightest):
-            if drawn is not None:
-                add_paths(plotter, drawn, color=style.path_color)
-        if crossing is not None and style.footprint:
-            add_footprint(plotter, shown, crossing)
-        # texts of the receiver stand beyond the map
-        aside = 0.0 if coverage is None else float(1.1 * coverage.x[-1])
-        parts.add_receiver(plotter, link, shown, labels=style.labels, aside=aside)
+        # many paths for the footprint, few of them to draw
+        crossing_paths, received_paths = received_light(trace, paths, received)
+        for drawn_paths in (paths, received_paths):
+            if drawn_paths is not None:
+                add_paths(plotter, drawn_paths, color=style.path_color)
+        if crossing_paths is not None and style.footprint:
+            add_footprint(plotter, shown, crossing_paths)
+        # the texts of the receiver stand beside the map, 10 % beyond its edge [m]
+        text_offset = 0.0 if coverage is None else float(1.1 * coverage.x[-1])
+        parts.add_receiver(plotter, link, shown, labels=style.labels, aside=text_offset)
         if style.uav:
             parts.add_uav(plotter, link)
         parts.add_bubbles(plotter, shown, bubbles, near=True)
     if coverage is not None:
         add_coverage(plotter, coverage)
-        look(plotter, elevation_deg=24.0)  # by default the map is seen from its edge
+        look(plotter, elevation_deg=24.0)  # the default camera would see the map from its edge
     if style.labels:
         add_scale(plotter)
         add_compass(plotter, *wind_of(surface))
@@ -231,14 +232,14 @@ def scene(
 def shown_mesh(
     surface: MeshSource | TriangleMesh, stage: Stage, time: float, spacing: float | None
 ) -> TriangleMesh:
-    """Return the surface within the stage: a triangulated sea, or the mesh."""
+    """Return the surface within the stage: a sea as a mesh; a mesh unchanged."""
     if isinstance(surface, TriangleMesh):
         return surface
-    step = spacing or stage.half / 100.0
-    if stage.half / step > MOST_CELLS:
+    mesh_spacing = spacing or stage.half / 100.0
+    if stage.half / mesh_spacing > MOST_CELLS:
         allowed = f">= {stage.half / MOST_CELLS:g} m for a half-width of {stage.half:g} m"
-        raise Refused("spacing", step, allowed)
-    return surface.mesh(time, stage.half, step, center=stage.center)
+        raise Refused("spacing", mesh_spacing, allowed)
+    return surface.mesh(time, stage.half, mesh_spacing, center=stage.center)
 
 
 def wind_of(surface: Any) -> tuple[float | None, float]:
@@ -249,7 +250,10 @@ def wind_of(surface: Any) -> tuple[float | None, float]:
 
 
 def longest_left_out(surface: MeshSource | TriangleMesh) -> float | None:
-    """Return the longest wave beyond the band of a sea [m], None for a sea without waves."""
+    """Return the wavelength [m] at which the band of a sea ends; None for a sea without waves.
+
+    The longest wave left out has about that of the shortest wave in the band.
+    """
     waves = getattr(surface, "components", None)
     if waves is None or not len(waves.kx):
         return None
@@ -257,8 +261,8 @@ def longest_left_out(surface: MeshSource | TriangleMesh) -> float | None:
 
 
 def texels_for(window_size: tuple[int, int]) -> int:
-    """Return the points of the colours of the water along a side, by the width of the window."""
-    # a power of two, for fast transforms
+    """Return the number of texels along a side of the water's colours, by the window's width."""
+    # a power of two, for fast transforms, near 1 / 1.5 of the pixels (tuned)
     return int(np.clip(2 ** round(math.log2(max(window_size[0], 1) / 1.5)), 64, 1024))
 
 
@@ -293,7 +297,7 @@ def received_light(
     paths: PhotonPaths | None,
     received: PhotonPaths | int | None,
 ) -> tuple[PhotonPaths | None, PhotonPaths | None]:
-    """Return the received light for the footprint, and the paths to draw."""
+    """Return paths of received light for the footprint, and those to draw."""
     if isinstance(received, PhotonPaths):
         return received, received
     if received is not None:
@@ -305,7 +309,7 @@ def received_light(
     except Refused:
         if received is not None:
             raise
-        return None, None  # only analog photons follow this link: theirs are shown
+        return None, None  # analog photons alone follow this link: `paths` shows them
     return paths_received, select_paths(paths_received, slice(received or RECEIVED_SHOWN))
 
 
@@ -321,9 +325,9 @@ def add_paths(
     paths : PhotonPaths
         The paths.
     color : {"fate", "weight"}
-        Colour by the fate of the photon, or by its weight along the path. Rays are the fainter
-        the more there are and the less light they carry, and fade out at the sides of the stage.
-        Received light is drawn thicker; dots mark its scattering.
+        Colour by the fate of the photon, or by its weight along the path. Rays are fainter the more
+        there are and the less light they carry, and fade out at the sides of the stage. Received
+        light is drawn thicker; dots mark where it is scattered.
 
     Returns
     -------
@@ -336,20 +340,21 @@ def add_paths(
         If the colour is unknown.
     """
     scene.shown["received" if paths.received.all() else "paths"] = paths
+    # lines and texts are sized for windows of 1600 pixels
     width = scene.window_size[0] / 1600.0
     landed = ~paths.received & (paths.final == Vertex.LANDED)
     # drawn in reversed order, so that received light lies on top
     fates = (paths.received, landed, ~paths.received & ~landed)  # in the order of the colours
     for (name, shade), indices in reversed([*zip(FATE_COLORS.items(), fates, strict=True)]):
-        chosen = select_paths(paths, indices)
-        if not len(chosen.what):
+        selected = select_paths(paths, indices)
+        if not len(selected.what):
             continue
         received = name == "received"
-        rays, seen = _rays(scene, chosen)
-        if not seen:
+        rays, n_visible = _rays(scene, selected)
+        if not n_visible:
             continue
-        # by the root of their number few rays are seen and many do not fill the picture
-        strength = (_RECEIVED if received else _SEEN) / math.sqrt(seen)
+        # over the root of their number: few rays are visible, and many do not fill the picture
+        strength = (_RECEIVED if received else _SEEN) / math.sqrt(n_visible)
         alpha: Any = min(strength, 0.8) * rays["fade"] * (1.0 if received else rays["weight"])
         line_width = (1.6 if received else 1.0) * width
         if color == "weight":
@@ -361,54 +366,56 @@ def add_paths(
             scene.add_tinted(rays, shade, alpha, line_width=line_width)
             scene.key[f"photons {name}"] = shade
         if received:
-            _add_dots(scene, chosen.vertex[chosen.what == Vertex.SCATTER], shade)
+            _add_dots(scene, selected.vertex[selected.what == Vertex.SCATTER], shade)
     return scene
 
 
-_SEEN, _RECEIVED = 10.0, 3.0  # opacity of the rays times the root of their number
-_PIECES = 60  # of a ray as long as the stage
+# Tuned, for the eye.
+_SEEN, _RECEIVED = 10.0, 3.0  # opacity of rays, other and received, times the root of their number
+_PIECES = 60  # segments of a ray as long as the stage
 _SOFT = 0.1  # width of the rim in which rays fade, over the size of the stage
 
 
 def path_segments(paths: PhotonPaths) -> tuple[np.ndarray, ...]:
-    """Return the path and the first vertex of each straight piece of photon paths."""
+    """Return the indices of the path and of the first vertex of each straight piece of paths."""
     return np.nonzero(np.arange(paths.what.shape[1] - 1) < paths.length[:, None] - 1)
 
 
 def _rays(scene: ScenePlotter, paths: PhotonPaths) -> tuple[pv.PolyData, int]:
-    """Cut photon paths into short straight segments; return them and the number of photons seen.
+    """Cut photon paths into short segments; return these and the number of photons in the stage.
 
-    Points have the weight, and a factor by which rays fade towards the sides of the stage, and at
-    their end if that is no aperture.
+    Points have the weight, and a factor from 1 to 0 by which rays fade towards the sides of the
+    stage, and towards their end unless that is an aperture.
     """
-    stage, (row, step) = scene.stage, path_segments(paths)
-    start, end = paths.vertex[row, step], paths.vertex[row, step + 1]
+    stage, (path, vertex) = scene.stage, path_segments(paths)
+    start, end = paths.vertex[path, vertex], paths.vertex[path, vertex + 1]
     low, high = stage.ends
     length = np.linalg.norm(end - start, axis=1)
     # pieces whose box misses the stage are left out before they are cut
     near = (np.maximum(start, end) > low).all(axis=1) & (np.minimum(start, end) < high).all(axis=1)
-    start, end, length, row, step = (a[near] for a in (start, end, length, row, step))
-    last = (step == paths.length[row] - 2) & ~paths.received[row]
-    longest = 3.0 * stage.size  # of the rest nothing is seen
-    shown = np.minimum(length, longest)
-    end = start + (shown / np.maximum(length, 1e-12))[:, None] * (end - start)
-    n = np.ceil(shown / stage.size * _PIECES).astype(int) + 1
-    # 0 to 1 along each ray, for all rays at once
-    share = (np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n)) / np.repeat(n - 1, n).clip(1)
-    points = np.repeat(start, n, axis=0) + share[:, None] * np.repeat(end - start, n, axis=0)
-    pieces = np.column_stack([np.arange(n.sum())[:-1], np.arange(n.sum())[1:]])
+    start, end, length, path, vertex = (a[near] for a in (start, end, length, path, vertex))
+    ends_freely = (vertex == paths.length[path] - 2) & ~paths.received[path]
+    longest = 3.0 * stage.size  # tuned: the rest lies outside the stage
+    drawn_length = np.minimum(length, longest)
+    end = start + (drawn_length / np.maximum(length, 1e-12))[:, None] * (end - start)
+    n = np.ceil(drawn_length / stage.size * _PIECES).astype(int) + 1
+    # n points per ray; fraction 0 to 1 along each, for all rays at once
+    fraction = (np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n)) / np.repeat(n - 1, n).clip(1)
+    points = np.repeat(start, n, axis=0) + fraction[:, None] * np.repeat(end - start, n, axis=0)
+    pairs = np.column_stack([np.arange(n.sum())[:-1], np.arange(n.sum())[1:]])
     # distance to the nearest side of the stage
-    inside = np.minimum(points - low, high - points).min(axis=1)
-    ahead = np.where(np.repeat(last, n), (1.0 - share) * np.repeat(length, n), np.inf)
-    fade = np.clip(np.minimum(inside, ahead) / (_SOFT * stage.size), 0.0, 1.0)
-    first = np.zeros(n.sum(), bool)
-    first[np.cumsum(n) - n] = True
-    # no line from the end of a ray to the start of the next one
-    drawn = ~first[pieces[:, 1]] & (fade[pieces] > 0.0).any(axis=1)
-    rays = pv.PolyData(points, lines=np.insert(pieces[drawn], 0, 2, axis=1).ravel())
-    before, after = (np.repeat(paths.weight[row, step + i], n) for i in (0, 1))
-    rays["weight"], rays["fade"] = before + share * (after - before), fade
-    return rays, len(np.unique(row))
+    to_side = np.minimum(points - low, high - points).min(axis=1)
+    to_end = np.where(np.repeat(ends_freely, n), (1.0 - fraction) * np.repeat(length, n), np.inf)
+    fade = np.clip(np.minimum(to_side, to_end) / (_SOFT * stage.size), 0.0, 1.0)
+    is_first = np.zeros(n.sum(), bool)
+    is_first[np.cumsum(n) - n] = True
+    # without the pairs that join the end of a ray to the start of the next
+    drawn = ~is_first[pairs[:, 1]] & (fade[pairs] > 0.0).any(axis=1)
+    # VTK's list of lines: 2 points, their indices
+    rays = pv.PolyData(points, lines=np.insert(pairs[drawn], 0, 2, axis=1).ravel())
+    before, after = (np.repeat(paths.weight[path, vertex + i], n) for i in (0, 1))
+    rays["weight"], rays["fade"] = before + fraction * (after - before), fade
+    return rays, len(np.unique(path))
 
 
 def select_paths(paths: PhotonPaths, which: np.ndarray | slice) -> PhotonPaths:
@@ -434,9 +441,9 @@ def _add_dots(scene: ScenePlotter, points: np.ndarray, color: str) -> None:
         scene.add_mesh(dots, color=color, ambient=0.6)
 
 
-_LEGIBLE = 0.1  # size over that of the stage of a patch whose colours can be read
+_LEGIBLE = 0.1  # tuned: smallest footprint, over the size of the stage, that has a colour bar
 FOOTPRINT_RANGE_DB = 20.0
-"""Lower end of the colours of the footprint, below its brightest spot."""
+"""Range of the colours of the footprint below its brightest spot [dB]."""
 
 
 def add_footprint(scene: ScenePlotter, mesh: TriangleMesh, received: PhotonPaths) -> ScenePlotter:
@@ -461,7 +468,7 @@ def add_footprint(scene: ScenePlotter, mesh: TriangleMesh, received: PhotonPaths
         return scene
     size = scene.stage.size
     patch = _footprint(mesh, crossings, 0.008 * size)
-    patch.points += np.array([0.0, 0.0, 1e-3 * size])  # or it would flicker with the surface
+    patch.points += np.array([0.0, 0.0, 1e-3 * size])  # off the surface, or both would flicker
     illuminated = patch.threshold(-FOOTPRINT_RANGE_DB, scalars="footprint", all_scalars=False)
     illuminated = illuminated.clip_box(scene.stage.bounds, invert=False)
     if not illuminated.n_cells:
@@ -479,14 +486,15 @@ def _footprint(mesh: TriangleMesh, crossings: np.ndarray, blur: float) -> pv.Str
     """Return a patch of the surface with the blurred density of crossings [dB below its peak]."""
     from scipy.ndimage import gaussian_filter
 
+    # cells of half the blur (standard deviation [m]), 4 of which contain nearly all light
     low, high = crossings.min(axis=0) - 4.0 * blur, crossings.max(axis=0) + 4.0 * blur
-    n = np.clip(np.ceil((high - low) / (0.5 * blur)).astype(int), 2, 300)
-    count, edges = np.histogramdd(crossings, bins=n, range=list(zip(low, high, strict=True)))
-    density = gaussian_filter(count, blur * n / (high - low), mode="constant")
+    bins = np.clip(np.ceil((high - low) / (0.5 * blur)).astype(int), 2, 300)
+    count, edges = np.histogramdd(crossings, bins=bins, range=list(zip(low, high, strict=True)))
+    density = gaussian_filter(count, blur * bins / (high - low), mode="constant")
     x, y = np.meshgrid(*(0.5 * (e[1:] + e[:-1]) for e in edges), indexing="ij")
     z = surface_sampler(mesh)(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
     patch = pv.StructuredGrid(x, y, z)
-    # a decade below the colours, where the logarithm ends
+    # cells without light: 10 dB below the lowest colour, since 0 has no logarithm
     floor = 10.0 ** (-0.1 * FOOTPRINT_RANGE_DB - 1.0)
     level = 10.0 * np.log10(np.maximum(density / density.max(), floor))
     patch.point_data["footprint"] = level.ravel(order="F")
@@ -496,7 +504,7 @@ def _footprint(mesh: TriangleMesh, crossings: np.ndarray, blur: float) -> pv.Str
 def add_coverage(scene: ScenePlotter, coverage: CoverageMap) -> ScenePlotter:
     """Draw a map of the gain in the plane of the receiver, clipped to the stage.
 
-    It is the clearer the smaller the gain, so that it hides nothing.
+    It is more transparent where the gain is smaller, so that it hides nothing.
     """
     scene.shown["map"] = coverage
     data = to_pyvista(coverage).clip_box(scene.stage.bounds, invert=False)

@@ -42,12 +42,14 @@ SIZE = (1280, 640)
 LIGHT_SIZE = (960, 464)
 """Pixels of a movie of the light pattern."""
 
-_SCENE_SHARE = 0.64
+_SCENE_SHARE = 0.64  # of the width of a frame: the rest shows the gain
 _SCENE_SIZE = (round(_SCENE_SHARE * SIZE[0]), SIZE[1])
-_BRIGHTEST = 16.0  # end of the colours of the light, in means, which go as its root
-_STEEPEST = 2.5  # end of the colours of the sea, in standard deviations of the slope
-_LIGHT_QUALITY = 4.0  # of the encoder: fine caustics that move leave little to predict
-_CELLS = 150  # over the half-width of the map
+# Tuned, for the eye: ends of the colour scales of the light, over its mean (the colours go as the
+# square root), and of the sea, in standard deviations of its slope.
+_BRIGHTEST = 16.0
+_STEEPEST = 2.5
+_LIGHT_QUALITY = 4.0  # tuned: caustics that move leave an encoder little to predict
+_CELLS = 150  # cells over the half-width of a map
 
 
 def save_movie(
@@ -83,7 +85,7 @@ def save_movie(
     photons : int
         Chains of a gain that is computed here.
     quality : float
-        Quality of the pictures of an .mp4, 0 ... 10; a file grows by a tenth or a third per step.
+        Quality of the pictures of an .mp4, 0 to 10 (best); a step enlarges a file by 10 to 30 %.
     progress : callable, optional
         Called with 1 after each frame.
     **shown
@@ -114,7 +116,7 @@ def save_movie(
         raise Refused("gain", Described("at other times"), "a series at the times of the frames")
     heights = surface.mesh(float(frame_times[0]), extent=20.0, spacing=1.0).vertices[:, 2]
     style = shown.get("style", SceneStyle())
-    # of the first frame, with room for higher crests of later ones: one scale for all
+    # one colour scale for all frames: the elevations [m] of the first, 20 % more for later crests
     limit = style.color_limit or 1.2 * float(np.abs(heights).max()) or None
     shown["style"] = style.replace(color_limit=limit, off_screen=True, window_size=_SCENE_SIZE)
 
@@ -124,7 +126,7 @@ def save_movie(
             for time in map(float, frame_times):
                 plotter = scene(link, surface, time=time, plotter=plotter, **shown)
                 yield np.asarray(plotter.screenshot(return_img=True))
-        # the window of a movie that fails is closed, too
+        # also if a frame fails: no window stays open
         finally:
             if plotter is not None:
                 plotter.close()
@@ -181,12 +183,12 @@ def save_light(
     step = extent / _CELLS if step is None else step
     pattern_ends(link, surface, extent, step)  # refuses what has no pattern
     lines, slope = _sea_crossed(link, surface, extent, float(frame_times[0]))
-    # a flat sea has no slopes to scale by
+    # a flat sea has no slopes to scale by: any range will do
     steepest = _STEEPEST * float(slope.std()) or 0.1
-    around = [float(x) + np.array([-extent, extent]) for x in link.only_receiver.position]
+    map_ends = [float(x) + np.array([-extent, extent]) for x in link.only_receiver.position]
     maps = (
         _Map(lines, axis_label("slope_x"), water_map(), Normalize(-steepest, steepest)),
-        _Map(around, "gain of unscattered light over its mean"),
+        _Map(map_ends, "gain of unscattered light over its mean"),
     )
     mean = None
 
@@ -194,8 +196,7 @@ def save_light(
         nonlocal mean
         for time in map(float, frame_times):
             gain = light_pattern(link, surface, extent, step, time=time).gain
-            # that of the first frame for all: else each would
-            # be scaled to its own and caustics would pulse
+            # the mean of the first frame for all: scaled to the mean of each, caustics would pulse
             mean = mean or float(gain.mean())
             slope = _sea_crossed(link, surface, extent, time)[1]
             titles = "sea that the light crosses", f"light {height:g} m above it, t = {time:.2f} s"
@@ -208,11 +209,12 @@ def _sea_crossed(
     link: Link, surface: Any, extent: float, time: float
 ) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
     """Return the ends [m] and slopes of the patch of sea that the light of a map crosses."""
-    source, above = link.transmitters[0], link.only_receiver
+    source, receiver = link.transmitters[0], link.only_receiver
     depth = getattr(source, "depth", 1.0)
-    # paraxial: a metre of air counts as n metres of water
-    share = depth / (depth + link.water.n / link.n_air * above.height)
-    centers = zip(source.position, above.position, strict=True)
+    # paraxial Snell: rays run off sideways n times as far per metre of air as per metre of water
+    share = depth / (depth + link.water.n / link.n_air * receiver.height)
+    centers = zip(source.position, receiver.position, strict=True)
+    # where the lines from the source to the ends of the map cross the surface, along x and y
     ends: Any = [s + share * (c + np.array([-extent, extent]) - s) for s, c in centers]
     x, y = (np.linspace(a, b, 400) for a, b in ends)
     _, normals = surface.sheet(x, y, time)
@@ -232,7 +234,7 @@ def save_irradiance(
     Parameters
     ----------
     series : IrradianceSeries
-        Of `irradiance_series` with a `patch`.
+        Result of `irradiance_series` with a `patch`.
     path : path
         File, .png for the first time, .mp4 or .gif for all.
     depths : sequence of float, optional
@@ -257,18 +259,19 @@ def save_irradiance(
     options = writer_options(path, frame_rate, _LIGHT_QUALITY, (".png",))
     if series.pattern is None:
         raise Refused("series", Described("no pattern"), "one with a patch")
-    known = series.depth.tolist()
-    shown = known[:2] if depths is None else [float(depth) for depth in depths]
-    for depth in shown:
-        if depth not in known:
-            raise Refused("depths", depth, f"depths of the series: {known}")
+    depths_of_series = series.depth.tolist()
+    depths_shown = depths_of_series[:2] if depths is None else [float(depth) for depth in depths]
+    for depth in depths_shown:
+        if depth not in depths_of_series:
+            raise Refused("depths", depth, f"depths of the series: {depths_of_series}")
     if path.suffix != ".png" and len(series.time) < 2:
         raise Refused("times", series.time.tolist(), "two times or more, or a .png")
-    pattern = series.pattern[:, [known.index(depth) for depth in shown]]
+    pattern = series.pattern[:, [depths_of_series.index(depth) for depth in depths_shown]]
+    # shape (times, depths, nx, ny); the mean of each depth over time and place
     pattern = pattern / pattern.mean(axis=(0, 2, 3), keepdims=True)
     ends = [np.asarray(c)[[0, -1]] for c in (series.x, series.y)]
-    maps = [_Map(ends, "irradiance over its mean") for _ in shown]
-    titles = ([f"{depth:g} m deep, t = {t:.3f} s" for depth in shown] for t in series.time)
+    maps = [_Map(ends, "irradiance over its mean") for _ in depths_shown]
+    titles = ([f"{depth:g} m deep, t = {t:.3f} s" for depth in depths_shown] for t in series.time)
     frames = zip(pattern, titles, strict=True)
     return _save_maps(path, maps, frames, len(series.time), options, progress)
 
@@ -290,9 +293,9 @@ def writer_options(
     if not frame_rate > 0.0:
         raise Refused("frame_rate", frame_rate, "> 0 frames per second")
     if path.suffix == ".gif":
-        # imageio takes milliseconds for a .gif
+        # imageio takes milliseconds per frame for a .gif; loop 0 is without end
         return {"duration": 1000.0 / frame_rate, "loop": 0}
-    # x264 counts from 0, without loss, to 51, the worst
+    # x264 counts the other way: from 0, lossless, to 51, the worst
     crf = ["-crf", str(round(51 - 5.1 * quality)), "-preset", "slow"]
     return {"fps": frame_rate, "quality": None, "output_params": crf}
 
@@ -337,27 +340,28 @@ def _beside_gain(
     figure, times, gains = _figure(SIZE, 100), gain.coordinate, gain.gains[:, 0]
     with mpl.rc_context(RC | dict.fromkeys(_TEXTS, CHALK)):
         figure.set_layout_engine("none")
-        back = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        background = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         sky = LinearSegmentedColormap.from_list("sky", [DUSK, NIGHT])
-        back.axis("off")
-        back.imshow(np.linspace(0.0, 1.0, 256)[:, None], cmap=sky, aspect="auto")
+        background.axis("off")
+        background.imshow(np.linspace(0.0, 1.0, 256)[:, None], cmap=sky, aspect="auto")
         left = figure.add_axes((0.0, 0.0, _SCENE_SHARE, 1.0))
         left.axis("off")
-        image = left.imshow(np.full((*_SCENE_SIZE[::-1], 3), 255, np.uint8))
+        picture_shown = left.imshow(np.full((*_SCENE_SIZE[::-1], 3), 255, np.uint8))
         right = figure.add_axes((_SCENE_SHARE + 0.085, 0.16, 0.96 - _SCENE_SHARE - 0.085, 0.7))
         right.set_facecolor("none")
         plot_gain_series(gain, ax=right)
-        for text in list(right.texts):  # the title takes its place
+        for text in list(right.texts):  # the title of each frame states the gain instead
             text.remove()
-        for earlier in (*right.lines, *right.collections):
-            earlier.set_visible(False)  # what is yet to come sets the limits alone
+        # the whole series has set the limits of the axes; hidden, it leaves them in place
+        for artist in (*right.lines, *right.collections):
+            artist.set_visible(False)
         (past,) = right.plot([], [], color=PALETTE["sky"], lw=1.8)
         color = FATE_COLORS["received"]
         (mark,) = right.plot([], [], "o", markersize=9, color=color)
         now = right.axvline(times[0], lw=0.8, color=color)
         title = right.set_title("")
     for i, picture in enumerate(pictures):
-        image.set_data(picture)
+        picture_shown.set_data(picture)
         past.set_data(times[: i + 1], gains[: i + 1])
         mark.set_data(times[i : i + 1], gains[i : i + 1])
         now.set_xdata([times[i], times[i]])
@@ -374,7 +378,7 @@ class _Map(NamedTuple):
     norm: Normalize = PowerNorm(0.5, 0.0, _BRIGHTEST)
 
 
-_Values = tuple[Any, Sequence[str]]  # of the maps of a frame, and their titles
+_Values = tuple[Any, Sequence[str]]  # of one frame: arrays (nx, ny) of the maps, and their titles
 
 
 @mpl.rc_context(RC)
@@ -386,21 +390,21 @@ def _save_maps(
     figure = _figure(LIGHT_SIZE, 80)
     axes = figure.subplots(1, len(maps), squeeze=False)[0]
     images = []
-    for ax, map_drawn in zip(axes, maps, strict=True):
-        extent: Any = np.concatenate(map_drawn.ends)
+    for ax, panel in zip(axes, maps, strict=True):
+        extent: Any = np.concatenate(panel.ends)
         image = ax.imshow(
             np.zeros((2, 2)), extent=extent, interpolation="bilinear", origin="lower",
-            cmap=map_drawn.colors, norm=map_drawn.norm,
+            cmap=panel.colors, norm=panel.norm,
         )  # fmt: skip
         images.append(image)
-        extend = "both" if map_drawn.norm.vmin else "max"  # of light there is none below 0
-        label = map_drawn.label
+        extend = "both" if panel.norm.vmin else "max"  # light has no values below 0
+        label = panel.label
         figure.colorbar(image, ax=ax, label=label, extend=extend, shrink=0.78, aspect=18)
         seen_from_above(ax)
 
     def draw(values: Any, titles: Sequence[str]) -> Figure:
-        for ax, image, shown, title in zip(axes, images, values, titles, strict=True):
-            image.set_data(shown.T)
+        for ax, image, map_values, title in zip(axes, images, values, titles, strict=True):
+            image.set_data(map_values.T)
             ax.set_title(title)
         return figure
 
@@ -408,8 +412,8 @@ def _save_maps(
         with atomic(path) as temporary:
             draw(*next(iter(frames))).savefig(temporary, dpi=130)
         return path
-    drawn = (_pixels(draw(*frame)) for frame in frames)
-    return _write_movie(path, drawn, total, options, progress)
+    pictures = (_pixels(draw(*frame)) for frame in frames)
+    return _write_movie(path, pictures, total, options, progress)
 
 
 SUFFIXES = {
@@ -421,7 +425,7 @@ SUFFIXES = {
 """File name suffixes of each kind of output."""
 
 FRAME_RATE = 30.0
-"""Frames per second of a movie without a given gain."""
+"""Frames per second of a movie, unless a gain with times of its own is given."""
 
 
 def view(
@@ -463,7 +467,8 @@ def view(
     frames : int
         Frames of the movie, unless a gain is given: 10 s by default.
     frame_rate : float, optional
-        Frames per second, at natural speed: 30 by default, those of a given gain.
+        Frames per second; by default 30 or, with a given gain, those at which its times run at
+        natural speed.
     title : str
         Heading of the web page.
     progress : callable, optional
@@ -494,12 +499,13 @@ def view(
     files: list[Path] = []
     style, paths = shown.get("style", SceneStyle()), shown.get("paths")
     if window or screenshot or html or export:
-        traced = (500 if paths is None else paths or None) if link is not None else None
+        # paths=0 asks for none; a surface alone has none
+        paths_of_still = (500 if paths is None else paths or None) if link is not None else None
         seed = shown.get("seed", 1)
-        stated = gain if isinstance(gain, GainResult) else _gain_of(link, surface, time, seed)
+        caption_gain = gain if isinstance(gain, GainResult) else _gain_of(link, surface, time, seed)
         still = shown.copy()
-        still["paths"], still["style"] = traced, style.replace(off_screen=not window)
-        plotter = scene(link, surface, time=time, gain=stated, **still)
+        still["paths"], still["style"] = paths_of_still, style.replace(off_screen=not window)
+        plotter = scene(link, surface, time=time, gain=caption_gain, **still)
         if screenshot:
             with atomic(screenshot) as temporary:
                 plotter.screenshot(temporary)
@@ -515,7 +521,7 @@ def view(
         times, rate = _frames(series, time, frames, frame_rate)
     if movie and isinstance(link, Link) and isinstance(surface, MeshSource):
         moving = shown.copy()
-        # in a movie by default received light alone: other paths would hide the sea
+        # a movie shows received light only by default: other paths would hide the sea
         moving["paths"], moving["received"] = paths or None, shown.get("received") or RECEIVED_SHOWN
         files.append(save_movie(
             link, surface, times, movie, gain=series, frame_rate=rate, progress=progress, **moving
@@ -581,5 +587,5 @@ def has_display() -> bool:
         window: Any = plotter.render_window
         kind = window.GetClassName()
         plotter.close()
-    # VTK falls back to such windows where no display answers
+    # VTK falls back to windows in memory, of these classes, where no display answers
     return "EGL" not in kind and "OSOpenGL" not in kind

@@ -1,8 +1,8 @@
 """Appearance of water: sky and sun reflected by the waves, light from below, foam.
 
 Physical: reflection by the normals, radiance of sky and glint, colour of the light that leaves the
-water, variance of the short waves, share of foam. For looks: colours of the sky, shapes of
-the foam, brighter crests, exposure.
+water, variance of the short waves, share of foam. For looks, with constants tuned by eye: colours
+of the sky, shapes of the foam, brighter crests, exposure.
 """
 
 from __future__ import annotations
@@ -38,20 +38,21 @@ DEFAULT_DAY = Daylight(direct=1.42, diffuse=0.295, sun_zenith_deg=50.0, sun_azim
 
 DEFAULT_WATER = Water()
 
+# Colours of the sky relative to its radiance, red to blue: for looks.
 ZENITH_RGB = np.array([0.22, 0.52, 1.15])
 HORIZON_RGB = np.array([0.66, 0.86, 1.06])
 CLOUD_RGB = np.array([0.93, 0.97, 1.0])
-FOAM_REFLECTANCE = 0.5
+FOAM_REFLECTANCE = 0.5  # tuned
 WATER_BRIGHTNESS = 3.0
-"""Factor on the light out of the water, which the eye sees by its colour: for looks."""
+"""Factor on the light out of the water, so that its colour shows: for looks."""
 EXPOSURE = 4.2
 """Brightness of a white, level surface before it is compressed to the range of the screen."""
 
 MOST_WAVENUMBER = 1000.0
-"""End of the short waves that reflect light as facets [rad m-1]."""
+"""Wavenumber at which the short waves end that reflect light as facets [rad m-1]."""
 
 LEAST_VARIANCE = 2e-4
-"""Slope variance within a point: glint without it would be narrower than a pixel."""
+"""Least slope variance within a point, tuned: with less, glint would be narrower than a pixel."""
 
 
 @dataclass(frozen=True)
@@ -65,11 +66,11 @@ class SeaLight:
     water : Water
         Water whose colour is seen from above.
     wavelength_nm : float
-        Wavelength of its coefficients [nm].
+        Wavelength of the coefficients of `water` [nm].
     foam : float
         Share of the surface under foam, 0 ... 1.
     wind_speed : float
-        Wind by which foam drifts [m s-1].
+        Wind speed, by which foam drifts [m s-1].
     wind_direction_deg : float
         Direction the wind blows to [deg].
     """
@@ -85,7 +86,10 @@ class SeaLight:
     def from_link(
         cls, link: Link | None, day: Daylight | None, wind: tuple[float | None, float]
     ) -> SeaLight:
-        """Return the light on the sea of a link; foam by its whitecaps, else by the wind."""
+        """Return the light on the sea of a link; foam by its whitecaps, else by the wind.
+
+        `wind` is its speed [m s-1] and the direction it blows to [deg].
+        """
         speed, direction = wind[0] or 0.0, wind[1]
         caps = link.whitecaps if link is not None else None
         caps = caps or Whitecaps(wind_speed=min(speed, 30.0))
@@ -100,31 +104,31 @@ class SeaLight:
 
         Notes
         -----
-        L / E = 0.33 b_b / (a pi n^2), Morel and Prieur (1977). From the one wavelength of the
-        water its absorption beyond that of pure water is continued as exp(-0.014 / nm), its
-        scattering by particles as the inverse wavelength.
+        L / E = 0.33 b_b / (a pi n^2), Morel and Prieur (1977). The water has coefficients at one
+        wavelength: from there its absorption beyond that of pure water is continued as
+        exp(-0.014 (nm - nm_0)), and its scattering by particles as 1 / nm.
         """
         nm, water, pure_b = self.wavelength_nm, self.water, sea_water_scattering(RGB_NM)
-        more_b = max(water.b - float(sea_water_scattering(self._nm)), 0.0)
+        particle_b = max(water.b - float(sea_water_scattering(self._nm)), 0.0)
         # molecules scatter half of their light backwards
-        back = 0.5 * pure_b + water.phase.backscatter_fraction * more_b * nm / RGB_NM
-        return np.asarray(0.33 * back / (self.absorption * math.pi * water.n**2))
+        backscattering = 0.5 * pure_b + water.phase.backscatter_fraction * particle_b * nm / RGB_NM
+        return np.asarray(0.33 * backscattering / (self.absorption * math.pi * water.n**2))
 
     @cached_property
     def absorption(self) -> NDArray[np.float64]:
         """Absorption of the water [m-1], red to blue, continued as in `upwelling`."""
-        more = max(self.water.a - float(pure_water_absorption(self._nm)), 0.0)
+        excess = max(self.water.a - float(pure_water_absorption(self._nm)), 0.0)
         shape = np.exp(-0.014 * (RGB_NM - self.wavelength_nm))
-        return np.asarray(pure_water_absorption(RGB_NM) + more * shape)
+        return np.asarray(pure_water_absorption(RGB_NM) + excess * shape)
 
     @property
     def _nm(self) -> float:
-        """Wavelength within the tables of pure water [nm]."""
+        """Wavelength, clipped to the tables of pure water [nm]."""
         return float(np.clip(self.wavelength_nm, 400.0, 700.0))
 
 
 class Roughened(NamedTuple):
-    """Slopes of short waves on a periodic square lattice, and the variance left out."""
+    """Slopes of short waves on a periodic square lattice, and the slope variances it leaves out."""
 
     slopes: NDArray[np.float32]  # (n, n, 2)
     rest: tuple[float, float]  # along and across the wind
@@ -139,18 +143,18 @@ def short_waves(
     time: float = 0.0,
     seed: int = 1,
 ) -> Roughened:
-    """Return the slopes of the waves that a mesh leaves out, on an n by n lattice of a size [m].
+    """Return the slopes of waves that a mesh leaves out, on an n by n lattice.
 
     Parameters
     ----------
     size : float
         Edge of the lattice and longest wave [m].
     n : int
-        Points along it; waves shorter than 3.3 of them are left out.
+        Points along the edge; waves shorter than 3.3 of their distances are left out.
     variances : tuple of float
         Slope variances along and across the wind of all waves that the mesh leaves out.
     least : float
-        Wavenumber at which they begin [rad m-1].
+        Wavenumber at which the waves begin that the mesh leaves out [rad m-1].
     direction_deg : float
         Direction the wind blows to [deg].
     time : float
@@ -161,20 +165,21 @@ def short_waves(
     Notes
     -----
     Equal slope variance in every octave of wavenumbers up to 1000 rad/m, the saturated range of
-    Phillips (1958); second harmonics of the direction give both variances.
+    Phillips (1958), with a density 1 + lean cos(2 theta) of directions that has both variances.
     """
     k_x = 2.0 * math.pi * fft.fftfreq(n, size / n)[:, None].astype(np.float32)
     k_y = k_x.T
     k = np.hypot(k_x, k_y)
-    # waves of two points would show the lattice
-    finest, total = min(0.6 * math.pi * n / size, MOST_WAVENUMBER), sum(variances)
+    # tuned, 0.6 of the Nyquist wavenumber: waves of two points would show the lattice
+    highest, total = min(0.6 * math.pi * n / size, MOST_WAVENUMBER), sum(variances)
     least = max(least, 2.0 * math.pi / size)
-    share = math.log(max(finest / least, 1.0)) / math.log(max(MOST_WAVENUMBER / least, 1.01))
-    share = min(share, 1.0)
-    rest = (variances[0] * (1.0 - share), variances[1] * (1.0 - share))
-    band = (k >= least) & (k <= finest)
+    # part of the octaves of variance that the lattice has
+    resolved = math.log(max(highest / least, 1.0)) / math.log(max(MOST_WAVENUMBER / least, 1.01))
+    resolved = min(resolved, 1.0)
+    rest = (variances[0] * (1.0 - resolved), variances[1] * (1.0 - resolved))
+    band = (k >= least) & (k <= highest)
     angle = np.arctan2(k_y, k_x) - math.radians(direction_deg)
-    # a density 1 + lean cos(2 theta) has 1/2 +- lean / 4 of the slope variance along and across
+    # 1 + lean cos(2 theta) has 1/2 + lean / 4 of the slope variance along, 1/2 - lean / 4 across
     lean = np.clip(2.0 * (variances[0] - variances[1]) / max(total, 1e-12), -1.0, 1.0)
     downwind = band & (np.cos(angle) > 0.0)
     if not downwind.any() or total <= 0.0:
@@ -182,22 +187,25 @@ def short_waves(
     k = np.maximum(k, 1e-6)
     # k^-4 over the area of wavenumbers: k^2 k^-4 k dk is equal for every octave
     power = np.where(downwind, (1.0 + lean * np.cos(2.0 * angle)) / k**4, 0.0)
-    # the real part of waves of half a plane has half of their variance
-    power *= 2.0 * share * total / (power * k**2).sum()
+    # the sum is over half of the plane: the real part of such waves has half of their variance
+    power *= 2.0 * resolved * total / (power * k**2).sum()
     rng = np.random.default_rng(seed)
-    draw = rng.standard_normal((2, n, n), dtype=np.float32)
-    # omega^2 = g k + T k^3
+    normal = rng.standard_normal((2, n, n), dtype=np.float32)
+    # omega^2 = g k + T k^3, T = 7.4e-5 m3 s-2: surface tension over density
     phase = np.sqrt(9.81 * k + 7.4e-5 * k**3) * np.float32(time)
-    wave = np.sqrt(0.5 * power) * (draw[0] + 1j * draw[1]) * np.exp(-1j * phase)
-    # slopes are i k times the elevation; ifft2 divides by n^2
-    wave = (1j * n * n * wave).astype(np.complex64)
-    slopes = [fft.ifft2(k_axis * wave).real for k_axis in (k_x, k_y)]
+    spectrum = np.sqrt(0.5 * power) * (normal[0] + 1j * normal[1]) * np.exp(-1j * phase)
+    # the spectrum of slopes is i k times that of the elevation; ifft2 divides by n^2
+    spectrum = (1j * n * n * spectrum).astype(np.complex64)
+    slopes = [fft.ifft2(k_axis * spectrum).real for k_axis in (k_x, k_y)]
     return Roughened(np.stack(slopes, axis=-1).astype(np.float32), rest)
 
 
 @lru_cache(maxsize=2)
 def foam_streaks(size: float, n: int, direction_deg: float, seed: int = 1) -> NDArray[np.float32]:
-    """Return noise of unit variance on an n by n lattice, stretched along the wind."""
+    """Return periodic noise of unit variance on an n by n lattice of edge `size` [m].
+
+    It is stretched along the wind, which blows to `direction_deg`.
+    """
     rng = np.random.default_rng(seed + 1)
     white = fft.rfft2(rng.standard_normal((n, n), dtype=np.float32))
     k_x = 2.0 * math.pi * fft.fftfreq(n, size / n)[:, None]
@@ -206,6 +214,7 @@ def foam_streaks(size: float, n: int, direction_deg: float, seed: int = 1) -> ND
     along = k_x * math.cos(wind) + k_y * math.sin(wind)
     across = k_y * math.cos(wind) - k_x * math.sin(wind)
     total = np.zeros((n, n))
+    # three sizes of streaks, tuned: length, width [m], weight
     for length, width, weight in ((1.8, 0.16, 1.0), (0.4, 0.07, 0.7), (0.05, 0.03, 0.8)):
         blur = np.exp(-0.5 * ((along * length) ** 2 + (across * width) ** 2))
         layer = fft.irfft2(white * blur, s=(n, n))
@@ -219,7 +228,7 @@ def foam_cover(streaks: Floats, heights: Floats, share: float) -> Floats:
     Parameters
     ----------
     streaks : ndarray, shape (n,)
-        Of `foam_streaks`.
+        Noise of `foam_streaks`.
     heights : ndarray, shape (n,)
         Elevation [m]; crests have more foam than troughs.
     share : float
@@ -227,8 +236,9 @@ def foam_cover(streaks: Floats, heights: Floats, share: float) -> Floats:
     """
     if share <= 0.0:
         return np.zeros_like(streaks)
+    # 0.7 and 0.9 are tuned: crests against streaks, softness of the edges
     score = streaks + 0.7 * (heights - heights.mean()) / max(float(heights.std()), 1e-6)
-    # the share of points above it is that of the foam
+    # a share of the points scores more than the edge
     edge = np.quantile(score, max(1.0 - share, 0.0))
     return np.asarray(np.clip(0.5 + (score - edge) / 0.9, 0.0, 1.0))
 
@@ -247,7 +257,7 @@ def radiance(
     points : ndarray, shape (n, 3)
         Points of the sea [m].
     slopes : ndarray, shape (n, 2)
-        Slopes there.
+        Slopes of the surface there along x and y.
     eye : tuple of float
         Place of the viewer [m].
     sea_light : SeaLight
@@ -258,14 +268,16 @@ def radiance(
     Returns
     -------
     ndarray, shape (n, 3)
-        pi L / E, red to blue: rho L_sky + glint + (1 - rho) L_water.
+        pi L / E, red to blue, with L = rho L_sky + L_glint + (1 - rho) L_water and E the irradiance
+        of the day.
     """
     day, n_water = sea_light.day, sea_light.water.n
     normal = _unit(np.column_stack([-slopes, np.ones(len(slopes), slopes.dtype)]))
     view = _unit(np.asarray(eye, points.dtype) - points)
     cosine = np.clip(np.einsum("ij,ij->i", view, normal), 0.02, 1.0)
     mirrored = 2.0 * cosine[:, None] * normal - view
-    mirrored[:, 2] = np.abs(mirrored[:, 2])  # light from below the horizon was reflected twice
+    # light from below the horizon was reflected twice: approximated by the sky mirrored up
+    mirrored[:, 2] = np.abs(mirrored[:, 2])
     rho = fresnel_reflectance(cosine, 1.0, n_water)
     from_sky = rho[:, None] * sky_colors(day, mirrored)
     glint = np.zeros_like(rho)
@@ -276,17 +288,18 @@ def radiance(
         glint = connected_glint(
             view, np.asarray(day.sun, points.dtype), normal, normal, rough, n_water
         )
-        # without limit at grazing view, where the drawn waves would hide each other
+        # at grazing view, where waves hide each other, the formula has no bound: 2 is tuned
         glint = day.direct * np.minimum(glint, 2.0)
+    # crests glow: tuned, +-35 % per standard deviation of the elevation [m]
     crest = points[:, 2] - points[:, 2].mean()
     glow = 1.0 + 0.35 * np.clip(crest / max(float(crest.std()), 0.02), -1.5, 2.0)
-    below = math.pi * WATER_BRIGHTNESS * (1.0 - rho) * glow
-    white = math.pi / day.irradiance * glint
-    return np.asarray(from_sky + white[:, None] + below[:, None] * sea_light.upwelling)
+    water_light = math.pi * WATER_BRIGHTNESS * (1.0 - rho) * glow
+    per_white = math.pi / day.irradiance * glint
+    return np.asarray(from_sky + per_white[:, None] + water_light[:, None] * sea_light.upwelling)
 
 
 def sky_colors(day: Daylight, directions: Floats) -> Floats:
-    """Return the ratio of the sky's radiance (n, 3) to a white, level surface, red to blue.
+    """Return the sky's radiance (n, 3) relative to a white, level surface, red to blue.
 
     Parameters
     ----------
@@ -295,23 +308,25 @@ def sky_colors(day: Daylight, directions: Floats) -> Floats:
     directions : ndarray, shape (n, 3)
         Unit vectors to the sky.
     """
+    # tuned: 0 under clouds to 1 for a clear sky, by the share of direct light; haze at the horizon
     clear = min(4.0 * day.direct / day.irradiance, 1.0)
     haze = np.exp(-4.0 * directions[:, 2:])
     haze_rgb = CLOUD_RGB + clear * (ZENITH_RGB - CLOUD_RGB + haze * (HORIZON_RGB - ZENITH_RGB))
-    white = math.pi / day.irradiance * sky_radiance(day.sky, directions)
-    return np.asarray(white[:, None] * haze_rgb)
+    relative = math.pi / day.irradiance * sky_radiance(day.sky, directions)
+    return np.asarray(relative[:, None] * haze_rgb)
 
 
 def _unit(vectors: Floats) -> Floats:
+    """Return the vectors (n, 3), divided by their lengths."""
     return np.asarray(vectors / np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None])
 
 
 def screen_colors(radiances: Floats, foam: Floats | None = None) -> NDArray[np.uint8]:
-    """Return the colours (n, 3) of light relative to a white surface, with foam on it."""
+    """Return the colours (n, 3), 0 to 255, of radiances over that of white, below any foam."""
     if foam is not None:
         radiances = radiances + foam[:, None] * (FOAM_REFLECTANCE - radiances)
     exposed = EXPOSURE * np.maximum(radiances, 0.0)
-    linear = exposed / (1.0 + exposed)  # the glitter keeps the shapes of its waves
+    linear = exposed / (1.0 + exposed)  # compressed below 1: glitter stays structured
     return np.ascontiguousarray(np.rint(255.0 * to_srgb(linear)), np.uint8)
 
 
@@ -322,10 +337,10 @@ class ShadedSea:
     ----------
     mesh : TriangleMesh
         The surface.
-    light : SeaLight
+    sea_light : SeaLight
         Light and water.
     longest : float, optional
-        Longest wave that the mesh leaves out [m]; five of its edges at least, and by default.
+        Longest wave that the mesh leaves out [m]; at least, and by default, five of its edges.
     time : float
         Time of the short waves and of the foam [s].
     texels : int
@@ -355,22 +370,21 @@ class ShadedSea:
         size = float((high - low).max())
         variances, least = left_out(mesh, longest)
         wind = sea_light.wind_direction_deg
-        drawn = short_waves(size, texels, variances, least, wind, time)
-        self._rest = drawn.rest
+        waves = short_waves(size, texels, variances, least, wind, time)
+        self._rest = waves.rest
+        # steep normals count as of a z component of 0.2 at least (tuned): no slope is infinite
         self._slopes = -normals[:, :2] / np.maximum(normals[:, 2:], 0.2)
-        self._slopes += self._on_lattice(drawn.slopes, low, size)
+        self._slopes += self._on_lattice(waves.slopes, low, size)
         self._foam = None
         if sea_light.foam > 0.0:
-            angle, drift = (
-                math.radians(wind),
-                0.03 * sea_light.wind_speed * time,
-            )  # as surface drift
+            # foam drifts downwind with the surface, at 3 % of the wind speed
+            angle, drift = math.radians(wind), 0.03 * sea_light.wind_speed * time
             start = low + drift * np.array([math.cos(angle), math.sin(angle)])
             streaks = self._on_lattice(foam_streaks(size, texels, wind), start, size)
             self._foam = foam_cover(streaks, self._points[:, 2], sea_light.foam)
 
     def _on_lattice(self, values: Floats, start: Floats, size: float) -> Floats:
-        """Return the values of a periodic lattice at the points."""
+        """Return the values of a periodic lattice of edge `size` [m] from `start` at all points."""
         n = len(values)
         i, j = np.floor((self._points[:, :2] - start) * (n / size)).astype(np.int64).T % n
         return values[i, j]
@@ -385,11 +399,11 @@ class ShadedSea:
 def left_out(mesh: TriangleMesh, longest: float | None) -> tuple[tuple[float, float], float]:
     """Return slope variances of the waves that a mesh leaves out, and their least wavenumber.
 
-    They are those along and across the wind; the wavenumber is in rad m-1. The longest wave has
-    five edges at least, and by default.
+    The variances are those along and across the wind; the wavenumber [rad m-1] is that of `longest`
+    [m], but of a wave of five edges where that is longer, or by default.
     """
     edge = float(np.ptp(mesh.vertices[mesh.faces[0]], axis=0)[:2].max())
-    # between vertices a wave of five edges has lost a quarter of its slope variance
+    # 5 edges: linear between vertices, such a wave has lost a quarter of its slope variance
     least = 0.4 * math.pi / max(edge, 1e-6)
     least = min(2.0 * math.pi / longest, least) if longest else least
     return (0.0, 0.0) if mesh.unresolved is None else mesh.unresolved.vertex, least
@@ -397,22 +411,22 @@ def left_out(mesh: TriangleMesh, longest: float | None) -> tuple[tuple[float, fl
 
 def grid_shape(mesh: TriangleMesh) -> tuple[int, int] | None:
     """Return the numbers of vertices along x and y of a triangulated grid, None for others."""
-    # the first facet is (0, ny, ny + 1): its second corner lies on the next line
+    # vertices are numbered i ny + j; the first facet is (0, ny, ny + 1)
     ny = int(mesh.faces[0, 1])
     nx, left = divmod(len(mesh.vertices), max(ny, 1))
     if left or nx < 2 or ny < 2 or len(mesh.faces) != 2 * (nx - 1) * (ny - 1):
         return None
-    within = mesh.faces - mesh.faces.min(axis=1, keepdims=True)  # of a facet in one cell
+    within = mesh.faces - mesh.faces.min(axis=1, keepdims=True)  # offsets of corners in a cell
     return (nx, ny) if np.isin(within, (0, 1, ny - 1, ny, ny + 1)).all() else None
 
 
 def refined(values: Floats, n: int) -> Floats:
-    """Return values (nx, ny, 3) at n by n points over the same range, linear between them."""
+    """Interpolate values (nx, ny, 3) linearly at n by n points over the same range."""
     for axis in (0, 1):
-        at = np.linspace(0.0, values.shape[axis] - 1.0, n)
-        # the last point lies at the end of the last interval
-        first = np.minimum(at.astype(int), values.shape[axis] - 2)
-        share = (at - first).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
+        places = np.linspace(0.0, values.shape[axis] - 1.0, n)
+        # places are in intervals of the grid; the last point belongs to the last interval
+        first = np.minimum(places.astype(int), values.shape[axis] - 2)
+        fraction = (places - first).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
         low, high = values.take(first, axis), values.take(first + 1, axis)
-        values = low + share * (high - low)
+        values = low + fraction * (high - low)
     return values

@@ -34,15 +34,17 @@ from meshtrace.fading.series import correlation_replicates, flat_top
 from meshtrace.models import Floats
 from meshtrace.stored import Stored, Variable
 
+# Replicates of a block bootstrap: their spread has a relative error of 1 / sqrt(2 * 198) = 5 %.
 _RESAMPLES = 199
-_MOST_STATES = 64
-_MOST_SAMPLES = 10**8
-# Below this number of transitions block bootstraps have too little to work on.
+_MOST_STATES = 64  # tuned: m^2 probabilities to estimate; a byte of `_drawn` holds up to 256
+_MOST_SAMPLES = 10**8  # 0.8 GB of gains
+# Fewest times that a transition must happen, and fail to happen, for a bootstrap of its error.
 _FEWEST_TRANSITIONS = 20
-# Scores at which the quantiles end: one sample in a million lies beyond.
+# Standard normal scores z of tabulated quantiles, 0.01 apart: beyond lies one sample in a million.
 _SCORES = np.linspace(-4.9, 4.9, 981)
+# Highest order k of Mehler's sum; tuned: for a lognormal law of sigma, c_k^2 ~ sigma^(2k) / k!
 _HERMITE = 60
-_NOTED = 0.1  # difference of autocorrelations
+_NOTED = 0.1  # tuned: smallest difference of autocorrelations that deserves a note [1]
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -58,11 +60,12 @@ class ChannelModel(Stored):
     mean, mean_stderr : float
         Mean gain of the series [1].
     scintillation_index, model_scintillation_index : float
-        Of the series and of the model [1].
+        Scintillation index, Var(g) / E(g)^2, of the series and of the model [1].
     lag : ndarray, shape (m,)
         Lags [s] up to the end of the series' memory.
     autocorrelation, autocorrelation_stderr, model_autocorrelation : ndarray, shape (m,)
-        Of the series, with the standard error of moving blocks, and of the model [1].
+        Autocorrelation of the series, its standard error by moving blocks, and that of the
+        model [1].
     notes : tuple of str
         Limitations of the model.
     provenance : dict
@@ -83,7 +86,7 @@ class ChannelModel(Stored):
     provenance: dict[str, Any] = field(default_factory=dict)
 
     def sample(self, n: Annotated[int, Field(ge=1, le=_MOST_SAMPLES)], seed: Seed = 1) -> Floats:
-        """Return gains of the model.
+        """Draw a series of gains from the model.
 
         Parameters
         ----------
@@ -101,7 +104,7 @@ class ChannelModel(Stored):
 
     @abstractmethod
     def _drawn(self, n: int, rng: np.random.Generator) -> Floats:
-        """Return n gains."""
+        """Draw n gains [1], one per time step."""
 
     def summary(self) -> str:
         """Return the numbers with their standard errors and units as text for a terminal."""
@@ -109,7 +112,7 @@ class ChannelModel(Stored):
 
 
 def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[Floats, dict[str, Any]]:
-    """Check a series of gains; return it with the fields of a model that describe it."""
+    """Check a series of gains; return it and the fields of `ChannelModel` that describe it."""
     g = checked_gain(gain)
     step = require_between(dt, 0.0, math.inf, "dt", allowed="a time step > 0 s")
     require_seed(seed)
@@ -133,14 +136,14 @@ def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[Floats, dict[str, An
 
 def _memory_note(statistics: dict[str, Any], model: Floats, cause: str) -> list[str]:
     """Return a note if the autocorrelation of a model differs from that of its series."""
-    off = model - statistics["autocorrelation"]
-    at = int(np.argmax(np.abs(off)))
-    # within three standard errors a difference is chance
-    if abs(off[at]) < max(_NOTED, 3.0 * statistics["autocorrelation_stderr"][at]):
+    deviation = model - statistics["autocorrelation"]
+    worst = int(np.argmax(np.abs(deviation)))
+    # a difference within three standard errors may be chance
+    if abs(deviation[worst]) < max(_NOTED, 3.0 * statistics["autocorrelation_stderr"][worst]):
         return []
     return [
-        f"the autocorrelation is {model[at]:.2f} at {statistics['lag'][at]:.3g} s, "
-        f"that of the series {statistics['autocorrelation'][at]:.2f}: {cause}"
+        f"the autocorrelation is {model[worst]:.2f} at {statistics['lag'][worst]:.3g} s, "
+        f"that of the series {statistics['autocorrelation'][worst]:.2f}: {cause}"
     ]
 
 
@@ -151,7 +154,7 @@ class MarkovChannel(ChannelModel, kind="markov-channel", title="meshtrace Markov
     .. math:: P_{ij} = n_{ij} / n_i, \quad \pi P = \pi, \quad
               N(h_k) = \frac{1}{\Delta t} \sum_{i > k \ge j} \pi_i P_{ij}
 
-    Of one threshold it is the Gilbert-Elliott channel, with a bad state 0 and a good state 1.
+    With one threshold it is the Gilbert-Elliott channel, with a bad state 0 and a good state 1.
 
     Parameters
     ----------
@@ -242,29 +245,31 @@ class MarkovChannel(ChannelModel, kind="markov-channel", title="meshtrace Markov
         if not (0 < levels.size < _MOST_STATES and (np.diff(levels) > 0.0).all()):
             allowed = f"1 to {_MOST_STATES - 1} increasing thresholds, or a number of states"
             raise Refused("thresholds", thresholds, allowed)
-        states, m = np.searchsorted(levels, g, side="right"), levels.size + 1
-        pairs = np.bincount(states[:-1] * m + states[1:], minlength=m * m)
-        counts = pairs.reshape(m, m).astype(np.float64)
+        # state i has levels[i - 1] <= gain < levels[i]
+        states, n_states = np.searchsorted(levels, g, side="right"), levels.size + 1
+        # counts[i, j]: transitions from state i to j, numbered i m + j
+        pairs = np.bincount(states[:-1] * n_states + states[1:], minlength=n_states * n_states)
+        counts = pairs.reshape(n_states, n_states).astype(np.float64)
         if not counts.sum(axis=1).all():
-            lost = int(np.argmin(counts.sum(axis=1)))
+            absorbing = int(np.argmin(counts.sum(axis=1)))
             allowed = "thresholds between which the gain enters each state and leaves it"
-            raise Refused("thresholds", Described(f"state {lost} is never left"), allowed)
+            raise Refused("thresholds", Described(f"state {absorbing} is never left"), allowed)
         transition = counts / counts.sum(axis=1, keepdims=True)
         steady = _steady(transition)
-        level = np.bincount(states, g, m) / np.bincount(states, minlength=m)
-        mean = float(steady @ level)
-        # states have one gain each: the spread within them is lost
-        variance = float(steady @ (level - mean) ** 2)
-        # E[h(0) h(t)] = sum_i pi_i h_i (P^t h)_i: each lag is one more product with P
-        rho, expected = np.empty(statistics["lag"].size), level - mean
+        state_gain = np.bincount(states, g, n_states) / np.bincount(states, minlength=n_states)
+        mean = float(steady @ state_gain)
+        # the model has one gain per state: the spread of gains within a state is lost
+        variance = float(steady @ (state_gain - mean) ** 2)
+        # E[h(0) h(t)] = sum_i pi_i h_i (P^t h)_i, here of h less its mean; `expected` is P^t h
+        rho, expected = np.empty(statistics["lag"].size), state_gain - mean
         for lag in range(rho.size):
-            rho[lag] = (steady * (level - mean)) @ expected / variance
+            rho[lag] = (steady * (state_gain - mean)) @ expected / variance
             expected = transition @ expected
         errors = _chain_errors(states, counts, block_length(g), seed)
         return cls(
             **statistics,
             threshold=levels,
-            state_gain=level,
+            state_gain=state_gain,
             steady_state=steady,
             steady_state_stderr=errors[0],
             transition=transition,
@@ -297,9 +302,9 @@ class MarkovChannel(ChannelModel, kind="markov-channel", title="meshtrace Markov
         first = int(rng.choice(self.steady_state.size, p=self.steady_state))
         uniform = rng.random(n)
         cumulative = np.cumsum(self.transition, axis=1)
-        # rounding must leave no gap above the last state
+        # the sum of a row may round to less than 1: a uniform number above it has no state
         cumulative[:, -1] = 1.0
-        # the next state of each state at each step, as bytes that Python indexes fast
+        # following[i][t]: state at t + 1 after state i at t; Python indexes bytes fast
         following = [
             np.searchsorted(row, uniform, side="right").astype(np.uint8).tobytes()
             for row in cumulative
@@ -312,7 +317,7 @@ class MarkovChannel(ChannelModel, kind="markov-channel", title="meshtrace Markov
         return self.state_gain[np.frombuffer(visited, np.uint8)]
 
     def _check(self) -> None:
-        # thresholds, states and next states have dimensions of their own, which nothing compares
+        # `Stored` compares sizes within a dimension only: "threshold", "state", "next_state" differ
         if self.transition.shape != 2 * (self.threshold.size + 1,):
             raise ValueError("other numbers of states than thresholds and one")
 
@@ -341,9 +346,9 @@ class MarkovChannel(ChannelModel, kind="markov-channel", title="meshtrace Markov
 
 
 def _steady(transition: Floats) -> Floats:
-    """Return the stationary distribution of a chain."""
+    """Return the stationary distribution p of a chain, p P = p, shape (m,)."""
     m = len(transition)
-    # p P = p has one equation too few: the sum of 1 closes it
+    # one of the m equations p P = p follows from the others: the sum of 1 makes p unique
     balance = np.vstack([transition.T - np.eye(m), np.ones(m)])
     probability = np.linalg.lstsq(balance, np.append(np.zeros(m), 1.0))[0]
     probability = np.maximum(probability, 0.0)
@@ -354,28 +359,30 @@ def _chain_errors(
     states: NDArray[np.int64], counts: Floats, block: int, seed: int
 ) -> tuple[Floats, Floats]:
     """Return the standard errors of the probabilities of states and of transitions."""
-    m = len(counts)
-    pair = states[:-1] * m + states[1:]
-    seen = np.flatnonzero(counts.ravel())
-    # there is one transition fewer than gains, and no block may be longer
+    n_states = len(counts)
+    pair = states[:-1] * n_states + states[1:]
+    occurring = np.flatnonzero(counts.ravel())
+    # a series has one transition fewer than gains, and no block may exceed it
     block = min(block, pair.size)
-    columns = ((pair == state_pair).astype(np.float64) for state_pair in seen)
-    pairs = np.zeros((m * m, _RESAMPLES))
-    pairs[seen] = block_means(columns, block, _RESAMPLES, seed)
-    share = pairs.reshape(m, m, -1)
-    row = share.sum(axis=1, keepdims=True)
-    # a replicate without a state says nothing about leaving it
-    p = np.divide(share, row, out=np.full_like(share, np.nan), where=row > 0.0)
-    # the variance of n blocks about their mean is too small by (n - 1) / n
+    columns = ((pair == state_pair).astype(np.float64) for state_pair in occurring)
+    pairs = np.zeros((n_states * n_states, _RESAMPLES))
+    pairs[occurring] = block_means(columns, block, _RESAMPLES, seed)
+    # P(state i, then j) of each replicate, shape (m, m, resamples); P_ij is this over P(state i)
+    joint = pairs.reshape(n_states, n_states, -1)
+    marginal = joint.sum(axis=1, keepdims=True)
+    # a replicate that never visits a state says nothing about leaving it: nan
+    conditional = np.divide(joint, marginal, out=np.full_like(joint, np.nan), where=marginal > 0.0)
+    # the variance of n blocks about their mean is too small by the factor (n - 1) / n
     blocks = max(pair.size / block, 2.0)
     stretch = math.sqrt(blocks / (blocks - 1.0))
-    left = counts.sum(axis=1, keepdims=True)
-    # no resample shows how often a thing happens that happened once; half a count keeps p off 0
-    rare = (counts + 0.5) / (left + 1.0)
-    binomial = np.sqrt(rare * (1.0 - rare) / left)
-    often = np.minimum(counts, left - counts) >= _FEWEST_TRANSITIONS
-    errors = np.where(often, stretch * np.nanstd(p, axis=-1), binomial)
-    return stretch * row[:, 0].std(axis=-1), errors
+    departures = counts.sum(axis=1, keepdims=True)
+    # resampling says little about a transition that happened once or never: errors of rare ones
+    # are binomial, with half a count added so that P_ij is neither 0 nor 1
+    smoothed = (counts + 0.5) / (departures + 1.0)
+    binomial = np.sqrt(smoothed * (1.0 - smoothed) / departures)
+    frequent = np.minimum(counts, departures - counts) >= _FEWEST_TRANSITIONS
+    errors = np.where(frequent, stretch * np.nanstd(conditional, axis=-1), binomial)
+    return stretch * marginal[:, 0].std(axis=-1), errors
 
 
 GeneratedLaw = Literal["gamma-gamma", "lognormal", "empirical"]
@@ -480,21 +487,21 @@ class TransformedGaussian(
         quantile = _quantiles(g, law)
         power = _hermite_powers(quantile)
         mean = float(_WEIGHTS @ quantile)
-        # the correlation of the transformed series grows with that of z, so that a table inverts it
-        grid = np.linspace(-1.0, 1.0, 2001)
-        observed, transformed_on_grid = g, _transformed(grid, power)
+        # the observed correlation grows with rho_z: a table of steps of 0.001 inverts it
+        rho_z = np.linspace(-1.0, 1.0, 2001)
+        observed, rho_observed = g, _transformed(rho_z, power)
         if threshold is not None:
             require_between(threshold, 0.0, math.inf, "threshold")
-            # what is to be kept is when fades come, not how deep they are
+            # the indicator of fades: the model shall keep when they come, not how deep they are
             observed = (g < threshold * g.mean()).astype(np.float64)
             if np.ptp(observed) == 0.0:
                 raise Refused("threshold", threshold, "a gain that the series crosses")
-            transformed_on_grid = _fade_correlation(grid, float(observed.mean()))
+            rho_observed = _fade_correlation(rho_z, float(observed.mean()))
         target = autocorrelation(observed, max_lag=statistics["lag"].size - 1)
-        # tapered to 0, as a correlation that is cut off has negative power
+        # tapered to 0: a correlation cut off sharply has a spectrum with negative values
         target *= flat_top(autocorrelation(g, max_lag=g.size - 1))
-        gaussian = np.interp(target, transformed_on_grid, grid)
-        # a period in which the correlation does not meet its own copy
+        gaussian = np.interp(target, rho_observed, rho_z)
+        # tuned: a period of 8 times the memory, so that the correlation misses its periodic copy
         size = 8 * gaussian.size
         realizable = np.fft.irfft(_spectrum(gaussian, size), size)[: gaussian.size]
         rho = _transformed(realizable, power)
@@ -515,7 +522,7 @@ class TransformedGaussian(
     def _drawn(self, n: int, rng: np.random.Generator) -> Floats:
         from scipy import fft
 
-        # a transform is periodic: the surplus keeps the end of the series apart from its start
+        # a transform is periodic: m surplus values separate the end of the series from its start
         size = fft.next_fast_len(n + self.gaussian_autocorrelation.size, real=True)
         white = fft.rfft(rng.standard_normal(size))
         white *= np.sqrt(_spectrum(self.gaussian_autocorrelation, size))
@@ -537,20 +544,20 @@ def _quantiles(g: Floats, law: GeneratedLaw) -> Floats:
         p = fit_lognormal(g).parameters
         return np.exp(p["mu"] + p["sigma"] * _SCORES)
     if law == "empirical":
-        below = (np.arange(g.size) + 0.5) / g.size
-        return np.interp(_SCORES, special.ndtri(below), np.sort(g))
+        cdf = (np.arange(g.size) + 0.5) / g.size
+        return np.interp(_SCORES, special.ndtri(cdf), np.sort(g))
     fitted = fit_gamma_gamma(g, n_effective=effective_samples(g))
-    # over ln h, since the law has no closed inverse and its lower tail spans decades
-    log_h = np.linspace(-16.0, 6.0, 8192)
-    below = fitted.law.cdf(fitted.parameters["mean"] * np.exp(log_h))
-    # where the distribution function has digits left, and grows
-    inside = (below > 1e-8) & (below < 1.0 - 1e-8) & (np.diff(below, prepend=-1.0) > 0.0)
-    log_quantile = np.interp(_SCORES, special.ndtri(below[inside]), log_h[inside])
+    # a table over ln(g / mean), tuned: the law has no closed inverse, its lower tail spans decades
+    log_ratio = np.linspace(-16.0, 6.0, 8192)
+    cdf = fitted.law.cdf(fitted.parameters["mean"] * np.exp(log_ratio))
+    # only where the distribution function grows and is clear of its rounding near 0 and 1 (tuned)
+    inside = (cdf > 1e-8) & (cdf < 1.0 - 1e-8) & (np.diff(cdf, prepend=-1.0) > 0.0)
+    log_quantile = np.interp(_SCORES, special.ndtri(cdf[inside]), log_ratio[inside])
     return fitted.parameters["mean"] * np.exp(log_quantile)
 
 
 def _hermite_powers(quantile: Floats) -> Floats:
-    """Return c_k^2 over their sum, k = 1, 2, ..., of a function of the scores."""
+    """Return c_k^2 / sum c_k^2, k = 1..60, of a function of the scores (`TransformedGaussian`)."""
     from scipy import special
 
     orders = np.arange(1, _HERMITE + 1)
@@ -560,19 +567,24 @@ def _hermite_powers(quantile: Floats) -> Floats:
 
 
 def _transformed(rho: Floats, power: Floats) -> Floats:
-    """Map correlations of the Gaussian series to those of the transformed series."""
+    """Map correlations of the Gaussian series to those of the transformed series: Mehler's sum.
+
+    `power[k - 1]` multiplies rho^k: the sum starts at k = 1.
+    """
     return rho * np.polynomial.polynomial.polyval(rho, power)
 
 
 def _fade_correlation(rho: Floats, share: float) -> Floats:
     """Map Gaussian correlations to those of the indicator of fades that fill `share` of the time.
 
-    `rho` are equally spaced from -1 to 1; the angle arcsin(rho) takes the poles from the integral.
+    `rho` ascend from -1 to 1. With dr = cos(angle) d(angle), r = sin(angle), the integrand of
+    `TransformedGaussian` loses its poles at r = -1 and 1.
     """
     from scipy import integrate, special
 
     angle = np.arcsin(rho)
     u = special.ndtri(share)
+    # 1e-12: at rho = -1 the exponential vanishes, but for u = 0
     density = np.exp(-(u**2) / np.maximum(1.0 + rho, 1e-12)) / (2.0 * math.pi)
     joint = integrate.cumulative_trapezoid(density, angle, initial=0.0)
     joint -= np.interp(0.0, rho, joint)
@@ -580,12 +592,16 @@ def _fade_correlation(rho: Floats, share: float) -> Floats:
 
 
 def _spectrum(rho: Floats, size: int) -> Floats:
-    """Return the spectrum of a period of a correlation, without negative values and of mean 1."""
+    """Return the spectrum of a periodic series of correlation rho, >= 0 and of mean 1.
+
+    `rho` holds lags 0, 1, ...; negative lags mirror them at the end of the period of `size`.
+    """
     period = np.zeros(size)
     period[: rho.size] = rho
     period[-rho.size + 1 :] = rho[:0:-1]
-    # a correlation has no negative power; what is cut off is how far the model can follow it
+    # no Gaussian series has negative power: a correlation that needs it is followed only so far
     power = np.maximum(np.fft.rfft(period).real, 0.0)
-    # rfft has each frequency once but the first and, of even sizes, the last
-    twice = 2.0 * power.sum() - power[0] - (power[-1] if size % 2 == 0 else 0.0)
-    return power * (size / twice)
+    # sum over all `size` frequencies: rfft leaves out the mirror images of all but the first and,
+    # for an even size, the last
+    total = 2.0 * power.sum() - power[0] - (power[-1] if size % 2 == 0 else 0.0)
+    return power * (size / total)

@@ -37,15 +37,18 @@ from meshtrace.studies.store import digest_of
 from meshtrace.surfaces import FlatSea, Surface
 from meshtrace.surfaces.waves import WaveGrid, elevation_and_slopes
 
-_SUN_HEIGHT = 1e6  # [m], of a lamp in place of the sun
-_ERROR = 1e-6  # of the sums of waves
-_SLOPES = 4.5  # standard deviations of the slopes that may bend light onto the collector
-_RAYS = 6.0  # over the blur
-_CELLS = 2.0  # over the blur
-_BLURS = 4.0  # standard deviations of tilts
-_MOST_POINTS = 64_000_000  # traced at a time and depth: a bound on the work
+_SUN_HEIGHT = 1e6  # height of a lamp in place of the sun [m]: its light is parallel
+_ERROR = 1e-6  # relative error of the sums of waves (`WaveGrid`)
+_SLOPES = 4.5  # standard deviations of slopes, and of elevations, that are taken into account
+# Tuned, cost against accuracy (`fineness`): surface points, and cells, per blur along an axis;
+# standard deviations of the tilts by waves left out, beyond which light is neglected.
+_RAYS = 6.0
+_CELLS = 2.0
+_BLURS = 4.0
+_MOST_POINTS = 64_000_000  # traced per time and depth: a bound on the work
 _MOST_LINES = 2000  # of a tile along an axis: a bound on the memory
-_SCATTERED = 0.05  # of the depth: the part of the scattered light that follows the pattern
+# Tuned: scattered light within this part of the depth follows the pattern; the rest is constant.
+_SCATTERED = 0.05
 
 
 @check_call
@@ -64,7 +67,7 @@ def irradiance_series(
     workers: int | str | None = None,
     **run: Unpack[RunOptions],
 ) -> IrradianceSeries:
-    r"""Return the downward irradiance at depths under a moving sea.
+    r"""Compute the downward irradiance at depths under a moving sea.
 
     .. math:: E(t) = \sum_i K(x_i - x_c) T_i \, s_i \cdot dA_i \, E_\perp e^{-c l_i}
         + E_s \left[1 + \int S \left(E_0 / \bar E_0 - 1\right) d^2x\right] + E_{sky}
@@ -114,6 +117,11 @@ def irradiance_series(
 
     Notes
     -----
+    The sum is over patches dA_i of the surface: T_i is their transmittance (Fresnel), s_i the unit
+    vector of the sunlight in air, l_i the way of the refracted ray to its place x_i in the plane,
+    E_perp the irradiance across the sunlight; E_0 is the unscattered irradiance of a cell, its
+    mean that under still water.
+
     Points of the surface at 0.45 / k of the shortest wave, and a sixth of the blur of the light,
     have exact heights and slopes (`waves.WaveGrid`); each sends its sunlight along its refracted
     ray (Snell, Fresnel), attenuated over its own way, into cells of the plane. K is the collector,
@@ -131,27 +139,27 @@ def irradiance_series(
     >>> from meshtrace.surfaces import FlatSea
     >>> day = mt.Daylight(direct=1.0, diffuse=0.0, sun_zenith_deg=0.0)
     >>> clear = mt.Water(a=0.0, b=0.0)
-    >>> found = mt.irradiance_series(FlatSea(), day, water=clear, depths=[1.0], times=[0.0])
-    >>> round(float(found.irradiance[0, 0]), 4)
+    >>> series = mt.irradiance_series(FlatSea(), day, water=clear, depths=[1.0], times=[0.0])
+    >>> round(float(series.irradiance[0, 0]), 4)
     0.9799
     """
     start = process_time()
-    sea, daylight, water, of_run = _inputs(surface, daylight, water)
+    sea, daylight, water, scenario_options = _inputs(surface, daylight, water)
     depths = require_finite(depths, "depths", "at least one depth > 0 [m]")
     if (depths <= 0.0).any():
         raise Refused("depths", depths, "at least one depth > 0 [m]")
     times = require_finite(times, "times", "at least one time [s]")
-    disk = Collector(0.5 * collector, below == "waves", patch, fineness)
+    target = Collector(0.5 * collector, below == "waves", patch, fineness)
     require_options(run, RunOptions)
     for name in ("mesh", *Meshing.model_fields):
         if (value := dict(run).get(name)) is not None:
             raise Refused(name, value, "none: the points follow from the waves")
-    sea, bands = _resolved(sea, depths, disk, water)
-    options: Any = of_run | {"photons": photons, "workers": workers} | dict(run)
+    sea, bands = _resolved(sea, depths, target, water)
+    options: Any = scenario_options | {"photons": photons, "workers": workers} | dict(run)
     campaign = campaign_of(Link(water=water), sea, "irradiance_series", options)
     ray, seed = SunRay(daylight, water), campaign.run.seed
     plans = [
-        DepthPlan(sea, ray, depth, band, disk, ScatteredLight(ray, depth, photons, seed))
+        DepthPlan(sea, ray, depth, band, target, ScatteredLight(ray, depth, photons, seed))
         for depth, band in zip(depths.tolist(), bands, strict=True)
     ]
     ready = process_time()
@@ -161,8 +169,9 @@ def irradiance_series(
         "daylight": day, "depths": depths.tolist(), "patch": patch,
         "times": digest_of(times.tolist()),
     }  # fmt: skip
+    # a row of a frame: irradiance and unscattered part of each depth, then cells^2 of each pattern
     setup = partial(_frames, plans, times)
-    cells = 0 if disk.cells is None else len(disk.cells)
+    cells = 0 if target.cells is None else len(target.cells)
     shape = ((2 + cells**2) * len(depths),)
     numbers = range(len(times))
     steps = campaign.evaluate(setup, numbers, "frames", identity, lambda step: shape, "frames")
@@ -182,7 +191,7 @@ def irradiance_series(
     }
     sky, still = np.array([(plan.scattered.sky, plan.still) for plan in plans]).T
     return IrradianceSeries(
-        times, depths, total, direct, sky, still, origin, disk.cells, disk.cells,
+        times, depths, total, direct, sky, still, origin, target.cells, target.cells,
         pattern.reshape(len(times), len(depths), cells, cells) if cells else None,
     )  # fmt: skip
 
@@ -216,18 +225,22 @@ def _inputs(
 def _resolved(
     surface: Surface, depths: Floats, collector: Collector, water: Water
 ) -> tuple[Surface, list[float | None]]:
-    """Return the sea with the waves that matter, and the highest frequency of each depth."""
-    whole: Any = getattr(surface, "for_fading", None)
-    if whole is None:
+    """Return the sea with the waves that matter, and the highest frequency [rad s-1] of each depth.
+
+    A sea whose waves are chosen already stays as it is: the frequencies are None, for all waves.
+    """
+    banded: Any = getattr(surface, "for_fading", None)
+    if banded is None:
         return surface, [None] * len(depths)
-    # a lamp far above gives the parallel light of the sun, for which `fading_band` has the lever
+    # `fading_band` takes a link: a lamp far above has the parallel light of the sun
     lamp = AirLed(height=_SUN_HEIGHT, half_angle_deg=60.0)
     bands: list[float | None] = []
     for depth in depths:
-        disk = WaterReceiver(depth=depth, radius=collector.radius, fov_deg=180.0)
-        bands.append(fading_band(Link(transmitter=lamp, receiver=disk, water=water), whole))
-    # one sea for all depths: short waves matter at the shallowest, and their slopes blur at others
-    resolved: Surface = whole.model_copy(update={"omega_max": max(filter(None, bands))})
+        receiver = WaterReceiver(depth=depth, radius=collector.radius, fov_deg=180.0)
+        bands.append(fading_band(Link(transmitter=lamp, receiver=receiver, water=water), banded))
+    # one sea for all depths: its shortest waves matter at the shallowest; each greater depth leaves
+    # out the waves beyond its band, whose slopes blur the light (`DepthPlan`)
+    resolved: Surface = banded.model_copy(update={"omega_max": max(filter(None, bands))})
     return resolved, bands
 
 
@@ -253,9 +266,9 @@ class SunRay:
     n : float
         Index of the water, relative to the air.
     inside : ndarray, shape (3,)
-        Unit vector to the sun, in the water.
+        Unit vector that points up along the refracted ray, to the sun as seen in the water.
     entering : float
-        Irradiance that enters the water [W m-2 nm-1].
+        Downward irradiance just below the surface [W m-2 nm-1].
     """
 
     def __init__(self, day: Daylight, water: Water) -> None:
@@ -264,30 +277,32 @@ class SunRay:
         self.entering = across * float(self.inside[2])
 
     def at(self, depth: float) -> float:
-        """Return the downward irradiance at a depth [W m-2 nm-1]."""
+        """Return the downward irradiance of unscattered light at a depth [W m-2 nm-1]."""
         return self.entering * math.exp(-self.water.c / self.inside[2] * depth)
 
     def entry(self, depth: float) -> tuple[float, float]:
-        """Return where on the surface the ray enters that passes below the origin at a depth."""
+        """Return x, y [m] on the surface where the ray enters that crosses x = y = 0 at a depth."""
         x, y, z = self.inside.tolist()
         return depth * x / z, depth * y / z
 
     def lever(self, depth: float) -> float:
-        """Return the displacement at a depth per unit of surface slope [m]."""
+        """Return the displacement of a ray at a depth per unit of slope along its azimuth [m]."""
         cosine = float(self.inside[2])
-        # derivative of Snell's law by the slope: the ray turns by (1 - cos_i / (n cos_t))
+        # derivative of Snell's law by the slope: the ray turns by 1 - cos_i / (n cos_t), and
+        # depth * tan(angle) moves by depth / cos_t^2 per radian
         return depth * (1.0 - self.day.sun[2] / (self.n * cosine)) / cosine**2
 
     def disk(self, depth: float) -> tuple[float, float]:
         """Return the half-axes of the sun's image at a depth, along and across its azimuth [m]."""
         cosine = float(self.inside[2])
-        # refraction shrinks the angle by 1 / n, and along the light by the ratio of cosines, too
+        # d(angle in water) = d(angle in air) / n, along the azimuth times cos_i / cos_t as well;
+        # a slant beam of length depth / cos_t is stretched along its azimuth by 1 / cos_t
         across = math.radians(SUN_RADIUS_DEG) * depth / (self.n * cosine)
         return across * self.day.sun[2] / cosine**2, across
 
 
 class Collector:
-    """Disk whose irradiance is computed, and the patch about it, checked.
+    """Disk whose irradiance is computed, and a square patch of places for it; checks the patch.
 
     Parameters
     ----------
@@ -312,6 +327,7 @@ class Collector:
         half, edge = require_pair(patch, "patch", allowed)
         if not 0.0 < edge <= half:
             raise Refused("patch", patch, f"{allowed}, 0 < edge <= half")
+        # n cells on either side of the middle one; 1e-9 absorbs the rounding of half / edge
         n = math.ceil(half / edge - 1e-9)
         self.cells = edge * (np.arange(2 * n + 1.0) - n)
 
@@ -319,8 +335,9 @@ class Collector:
 class DepthPlan:
     """Quantities at one depth that do not change with time.
 
-    It lands on square cells of a plane, from points of the surface on lines `x` and `y`. Kernels
-    are the shares of the light of a cell in the irradiance at the collector.
+    Sunlight goes from points of the surface, on lines `x` and `y` [m], to square cells of a plane
+    at the depth, the collector over the middle of one. Kernels are the weights of the cells in the
+    irradiance at the collector.
 
     Parameters
     ----------
@@ -345,45 +362,64 @@ class DepthPlan:
         self.sea, self.ray, self.depth, self.collector = sea, ray, depth, collector
         self.scattered, self.still = scattered, ray.at(depth)
         sizes, lever = wave_sizes(sea, band), ray.lever(depth)
+        # displacement of light [m] by the slopes of waves left out: standard deviations along and
+        # across the wind
         if band is not None:
             tilts = np.sqrt(sea.slopes_beyond(band)) * lever  # type: ignore[attr-defined]
         else:
             fine = sizes.spacing if math.isfinite(sizes.spacing) else 1.0
             missing = sea.unresolved_slopes(fine)
             tilts = lever * np.sqrt((0.0, 0.0) if missing is None else missing.vertex)
+        # depth of the lowest trough and height of the highest crest [m]
         trough = 0.0 if collector.floating else _SLOPES * sizes.height
         # a collector that comes out of the water has no irradiance below it
         if trough >= depth:
             allowed = f'> {trough:.3g} m, below all troughs, or below = "waves"'
             raise Refused("depths", depth, allowed)
-        # light enters aside of the cells: bent by a steep slope, or on a slant from above z = 0
+        # light may enter beside the cells that it reaches: bent by a slope, of 0.4 in standard
+        # deviation at most (tuned), or along a slant ray from a crest above z = 0
         displacement = _SLOPES * lever * min(sizes.slope, 0.4) + math.hypot(*ray.entry(trough))
         self._place(tilts, sizes.spacing, displacement)
         self._blur(tilts)
         self._waves, self._grid = sizes.waves, None
         if self._waves is not None:
-            first = self.x[: self._lines], self.y[: self._lines]
-            self._grid = WaveGrid(self._waves.kx, self._waves.ky, *first, _ERROR)
+            first_tile = self.x[: self._lines], self.y[: self._lines]
+            self._grid = WaveGrid(self._waves.kx, self._waves.ky, *first_tile, _ERROR)
 
     def _place(self, tilts: Floats, finest: float, displacement: float) -> None:
-        """Choose surface points and cells; light may be displaced by up to `displacement` [m]."""
-        disk, patch, radius = self.ray.disk(self.depth), self.collector.patch, self.collector.radius
-        blur = math.sqrt(0.25 * radius**2 + 0.25 * disk[1] ** 2 + tilts.max() ** 2)
+        """Choose surface points and cells.
+
+        Parameters
+        ----------
+        tilts : ndarray, shape (2,)
+            Standard deviations of the displacement by waves left out [m].
+        finest : float
+            Greatest distance of points that represents the shortest wave [m].
+        displacement : float
+            Greatest displacement of light between surface and plane [m].
+        """
+        # spot: half-axes of the sun's image
+        spot, patch, radius = self.ray.disk(self.depth), self.collector.patch, self.collector.radius
+        # a uniform disk of radius r has the variance r^2 / 4 along an axis
+        blur = math.sqrt(0.25 * radius**2 + 0.25 * spot[1] ** 2 + tilts.max() ** 2)
         cell = blur / _CELLS
         if patch is not None:
-            # whole numbers of cells make an edge of the patch
+            # an edge of a patch cell is a whole number of these cells
             cell = patch[1] / math.ceil(patch[1] / cell)
         spacing = min(blur / _RAYS, finest)
-        spacing = cell / math.ceil(self.collector.fineness * cell / spacing)  # even on still water
-        # light that lands farther off never reaches the collector
-        support = radius + disk[0] + _BLURS * float(tilts.max())
+        # a whole number per cell, for even light on still water
+        spacing = cell / math.ceil(self.collector.fineness * cell / spacing)
+        # unscattered light that lands farther off than `reach` [m] is not in the collector's blur;
+        # scattered light follows the pattern as far as `around` [m] beyond
+        reach = radius + spot[0] + _BLURS * float(tilts.max())
         around = _SCATTERED * self.depth if self.ray.water.b > 0.0 else 0.0
-        half = max(support + around, 0.0 if patch is None else patch[0] + support) + 3.0 * cell
-        self.cell, self.cells, self._support = cell, 2 * math.ceil(half / cell), support
+        # half-length of the plane; 3 cells: tuned, for the sharing of light between neighbours
+        half = max(reach + around, 0.0 if patch is None else patch[0] + reach) + 3.0 * cell
+        self.cell, self.cells, self._support = cell, 2 * math.ceil(half / cell), reach
         points = (
             2 * math.ceil((0.5 * self.cells * cell + displacement + 2.0 * spacing) / spacing) + 1
         )
-        # tiles of equal size share one plan of the transform
+        # tiles of equal size share one `WaveGrid`
         tiles = math.ceil(points / _MOST_LINES)
         self._lines = math.ceil(points / tiles)
         points = tiles * self._lines
@@ -392,46 +428,49 @@ class DepthPlan:
             cure = "a wider collector, lower omega_max or smaller patch"
             raise Refused("depths", size, f"at most {_MOST_POINTS:,}: {cure}")
         lines: Floats = spacing * (np.arange(points, dtype=np.float64) - points // 2)
+        # centred on the refracted ray that meets the collector
         x, y = self.ray.entry(self.depth)
         self.x, self.y, self.points = x + lines, y + lines, points**2
 
     def _blur(self, tilts: Floats) -> None:
         """Compute the blur kernels of unscattered and scattered light.
 
-        By the way from a cell to the collector: over collector, sun's image and tilts, less the
-        sharing by cells.
+        As functions of the offset of a cell from the collector. The transform of the blur is the
+        product of those of collector, sun's image and tilts; it is divided by that of the sharing
+        of light between cells, which blurs already (cloud in cell, sinc^2).
         """
         n, cell = self.cells, self.cell
         kx, ky = wavenumbers(n, n, cell)
         disk = _disk(kx, ky, self.collector.radius)
         along, across = turned(kx, ky, math.radians(self.ray.day.sun_azimuth_deg))
-        axes = self.ray.disk(self.depth)
-        sun = _disk(axes[0] * along, axes[1] * across, 1.0)
+        sun_axes = self.ray.disk(self.depth)
+        sun = _disk(sun_axes[0] * along, sun_axes[1] * across, 1.0)
         tilt = gaussian(kx, ky, tilts, math.radians(getattr(self.sea, "_slopes_along_deg", 0.0)))
         shared = (np.sinc(kx * cell / (2.0 * np.pi)) * np.sinc(ky * cell / (2.0 * np.pi))) ** 2
         blur = disk * sun * tilt / shared
-        shares = np.zeros((n, n))  # of an even number of cells: those of n - 1 have a middle
+        shares = np.zeros((n, n))  # n is even: n - 1 cells have a middle one, at n // 2 here
         shares[1:, 1:] = self.scattered.shares(0.5 * (n - 1) * cell, n - 1)
         self._scattered_transfer = np.fft.fft2(np.fft.ifftshift(shares)) * disk
+        # cells times kernel, summed, is a correlation, no convolution: the conjugate mirrors it
         self._direct_kernel, self._scattered_kernel = (
             np.fft.fftshift(np.fft.ifft2(t.conj()).real) for t in (blur, self._scattered_transfer)
         )
         lines = cell * (np.arange(n) - n // 2)
         far = np.hypot(lines[:, None], lines) > self._support + cell
-        self._direct_kernel[far] = 0.0  # the ripple of a sharp edge
+        self._direct_kernel[far] = 0.0  # ripple: the disk has a sharp edge, the transform is finite
         self._direct_kernel /= self._direct_kernel.sum()
         self._direct_transfer = np.fft.fft2(np.fft.ifftshift(self._direct_kernel))
 
     def at(self, time: float) -> tuple[float, float, Floats]:
         """Return irradiance, its unscattered part, and the pattern over the cells of the patch."""
         sunlit, cells = self._sunlight_on_cells(time), self.collector.cells
-        sunlight, rest = self.scattered.sunlight, self.scattered.sky + self.scattered.sunlight
-        unscattered, follows = float((sunlit * self._direct_kernel).sum()), 0.0
+        sunlight, constant = self.scattered.sunlight, self.scattered.sky + self.scattered.sunlight
+        unscattered, variation = float((sunlit * self._direct_kernel).sum()), 0.0
         # scattered light follows the pattern of the unscattered, blurred by its own spread
         relative = sunlit / self.still - 1.0
         if sunlight > 0.0:
-            follows = float((relative * self._scattered_kernel).sum())
-        total = unscattered + sunlight * follows + rest
+            variation = float((relative * self._scattered_kernel).sum())
+        total = unscattered + sunlight * variation + constant
         if cells is None:
             return total, unscattered, np.zeros(0)
         pattern = np.fft.ifft2(np.fft.fft2(sunlit) * self._direct_transfer).real
@@ -439,30 +478,31 @@ class DepthPlan:
             pattern += (
                 sunlight * np.fft.ifft2(np.fft.fft2(relative) * self._scattered_transfer).real
             )
-        # every nth cell is the middle of a cell of the patch
+        # cells in the middle of patch cells are `stride` cells apart
         stride = round(float(cells[1] - cells[0]) / self.cell)
         first = len(sunlit) // 2 - stride * (len(cells) // 2)
         part = slice(first, first + stride * len(cells), stride)
-        return total, unscattered, pattern[part, part] + rest
+        return total, unscattered, pattern[part, part] + constant
 
     def _sunlight_on_cells(self, time: float) -> Floats:
-        """Return the irradiance of unscattered sunlight on the cells of a plane."""
+        """Return the irradiance of unscattered sunlight on the cells of a plane [W m-2 nm-1]."""
         ray, cell = self.ray, self.cell
         weights = None if self._waves is None else elevation_and_slopes(self._waves, time)
         starts = range(0, len(self.x), self._lines)
         tiles = [(i, j) for i in starts for j in starts]
-        # a single tile is evaluated once, many tiles twice where their mean height is needed
+        # the last tile is remembered: a single one is evaluated once even where its mean height is
+        # needed first, many tiles then twice
         sheet = lru_cache(maxsize=1)(partial(self._tile, time, weights))
         level = 0.0
         if self.collector.floating:
             level = float(np.mean([sheet(*tile)[0].mean() for tile in tiles]))
-        power, low = np.zeros((self.cells, self.cells)), -0.5 * (self.cells + 1) * cell
-        # the collector is over the middle of a cell
+        power, corner = np.zeros((self.cells, self.cells)), -0.5 * (self.cells + 1) * cell
+        # with this corner the collector, x = y = 0, is over the middle of cell n // 2
         for i, j in tiles:
             z, zx, zy = sheet(i, j)
             land_sunlight(
                 z - level, zx, zy, (float(self.x[i]), float(self.y[j])), self.spacing,
-                ray.day.sun, ray.n, ray.water.c, self.depth, (low, low), cell, power,
+                ray.day.sun, ray.n, ray.water.c, self.depth, (corner, corner), cell, power,
             )  # fmt: skip
         return power * (ray.day.direct / cell**2)
 
@@ -474,10 +514,10 @@ class DepthPlan:
             n = self._lines
             z, zx, zy = self.sea.grid(self.x[i : i + n], self.y[j : j + n], time)
         else:
-            # the grid is that of the first tile: waves are moved to it from the others
-            away = self.x[i] - self.x[0], self.y[j] - self.y[0]
-            # a shift of the origin multiplies each wave by exp(-i k . shift)
-            phase = np.exp(-1j * (self._waves.kx * away[0] + self._waves.ky * away[1]))
+            # the grid is that of the first tile; on others the waves are shifted
+            shift = self.x[i] - self.x[0], self.y[j] - self.y[0]
+            # f(x + shift): each wave exp(-i k . x) is multiplied by exp(-i k . shift)
+            phase = np.exp(-1j * (self._waves.kx * shift[0] + self._waves.ky * shift[1]))
             z, zx, zy = self._grid.sum(weights * phase)
         return z, zx, zy
 
@@ -508,8 +548,9 @@ class ScatteredLight:
             )
             # a multiple of the 32 groups of the estimator
             count = 32 * max(1, photons // 32)
-            seen = background(link, FlatSea(), day, photons=count, seed=seed, threads=1)
-            self.sky = math.pi * float(seen.part_radiance[PARTS.index("sky")])
+            sky_light = background(link, FlatSea(), day, photons=count, seed=seed, threads=1)
+            # the estimate is the mean radiance over the hemisphere, weighted by cosine: E = pi L
+            self.sky = math.pi * float(sky_light.part_radiance[PARTS.index("sky")])
         # shares are of the light of a sun that gives 1 W m-2 on a level plane above the sea
         self._level = day.direct * day.sun[2]
         if water.b > 0.0:
@@ -519,14 +560,14 @@ class ScatteredLight:
             self.sunlight = self._level * self._share
 
     def _traced(self, record: list[Any]) -> GainResult:
-        """Trace a pencil of sunlight whose unscattered ray passes below the origin.
+        """Trace a pencil of sunlight whose unscattered ray meets the plane at x = y = 0.
 
-        The same photons in each call: a map has the light of the planes.
+        Each call traces the same photons, so that a map agrees with the plane.
         """
         ray, depth, day = self._ray, self._depth, self._ray.day
         pencil = Sun(
             zenith_deg=day.sun_zenith_deg, azimuth_deg=(day.sun_azimuth_deg + 180.0) % 360.0,
-            # a pencil: narrow beside any cell
+            # azimuth of `Sun`: where light goes to; a pencil: far narrower than any cell
             half_width=1e-6 * depth, position=ray.entry(depth),
         )  # fmt: skip
         planes = IrradiancePlanes(depths=(depth,))
@@ -539,13 +580,13 @@ class ScatteredLight:
     def shares(self, half: float, n: int) -> Floats:
         """Return the shares of the scattered light on n by n cells (odd) over |x|, |y| <= half [m].
 
-        About the place of the unscattered ray.
+        The unscattered ray meets the middle cell.
         """
         if self._share == 0.0:
             return np.zeros((n, n))
         step = 2.0 * half / n
-        plane = IrradianceMap(height=-self._depth, extent=half, step=step, axis=(0.0, 0.0, -1.0))
-        irradiances = self._traced([plane]).map
+        record = IrradianceMap(height=-self._depth, extent=half, step=step, axis=(0.0, 0.0, -1.0))
+        irradiances = self._traced([record]).map
         assert irradiances is not None
         power = np.array(irradiances.irradiance) * step**2
         # the unscattered light of the pencil lands in the middle cell
@@ -554,6 +595,6 @@ class ScatteredLight:
 
 
 def _disk(kx: Floats, ky: Floats, radius: float) -> Floats:
-    """Return the transform of the mean over a disk."""
-    r = np.maximum(radius * np.hypot(kx, ky), 1e-6)
-    return np.asarray(2.0 * j1(r) / r)
+    """Return the transform of the mean over a disk, 2 J1(k r) / (k r)."""
+    kr = np.maximum(radius * np.hypot(kx, ky), 1e-6)  # at 0 the limit is 1
+    return np.asarray(2.0 * j1(kr) / kr)

@@ -21,8 +21,9 @@ def parse_numbers(text: str) -> list[float]:
             values = [float(word) for word in text.split(",")]
         else:
             start, stop, step = (float(word) for word in text.split(":"))
-            # rounding of the quotient must not lose the end: 0:0.3:0.1 has four numbers
+            # 1e-9: rounding of the quotient must not lose the end: 0:0.3:0.1 has four numbers
             n = math.floor((stop - start) / step + 1e-9) + 1
+            # a list of more than 10^7 numbers is taken for a mistake
             values = [start + step * i for i in range(n)] if step > 0.0 and n <= 10**7 else []
     except (ValueError, ZeroDivisionError, OverflowError):
         values = []
@@ -33,7 +34,7 @@ def parse_numbers(text: str) -> list[float]:
 
 def parse_integer(text: str) -> int:
     """Parse an integer, which may be in scientific notation, such as 1e6."""
-    # first as it stands: a float has no more than 53 bits
+    # first as an integer: a float has no more than 53 bits
     with suppress(ValueError):
         return int(text)
     with suppress(ValueError):
@@ -66,7 +67,7 @@ def parse_bounds(text: str) -> tuple[str, tuple[float, float]]:
 def value(
     metavar: str, text: str, *names: str, parser: Any = None, low: Any = None, high: Any = None
 ) -> Any:
-    """Describe an option: placeholder, help, names (that of its parameter), parser or bounds."""
+    """Describe an option: placeholder, help, names (by default its parameter's), parser, bounds."""
     return typer.Option(*names, metavar=metavar, help=text, parser=parser, min=low, max=high)
 
 
@@ -128,7 +129,7 @@ class Changes:
     threads: Annotated[str | None, value("N", "Number of threads; default: all cores.")] = None
 
     def scenario(self, link: Path | None, more: Mapping[str, Any] | None = None) -> "mt.Scenario":
-        """Return the scenario of a link file with these changes and more by key."""
+        """Return the scenario of a link file with these changes and `more`, values by key."""
         from meshtrace.scenario import parse_setting
 
         values = {"wind_speed": self.wind, "run.seed": self.seed, "run.threads": self.threads}
@@ -157,12 +158,12 @@ class StudyOptions(Changes):
 
     def compute(self, study: Callable[..., Any], subject: Any, bar: Bar) -> Any:
         """Return the result of a study, behind a progress bar."""
-        # what is None here is that of the link file
+        # None: without a store, and in threads in place of processes
         with bar as (_, advance):
             return study(subject, store=self.store, workers=self.workers, progress=advance)
 
     def write(self, result: Any, quiet: bool = False) -> None:
-        """Write the result to the files that are given."""
+        """Write the result to the files of the options, if any."""
         console.save(result, self.output, quiet)
         console.draw(result, self.plot, quiet)
 
@@ -170,7 +171,7 @@ class StudyOptions(Changes):
         """Run a study of the link, or of another subject, print its result and write it."""
         if subject is None:
             subject = self.scenario(self.link)
-            # a path is refused before minutes of work
+            # files that cannot be written are refused now, not after minutes of work
             self.check(self.link)
         result = self.compute(study, subject, bar)
         typer.echo(result.summary())

@@ -20,7 +20,7 @@ from meshtrace.errors import Refused, extra, require_word
 if TYPE_CHECKING:
     import xarray as xr
 
-# printed; the store holds all
+# Rows of a table printed at most, tuned; the store holds all.
 _MOST_ROWS = 200
 
 
@@ -32,7 +32,7 @@ def ensemble(
     photons: opt.Chains = 2048,
 ) -> None:
     """Compute the channel gain over random seas and print its distribution and fading."""
-    # the study itself takes one sea, whose gain has no distribution
+    # `mt.ensemble` accepts one sea, but there is no distribution of one gain to print
     if realizations < 2:
         raise Refused("realizations", realizations, ">= 2")
     study = partial(mt.ensemble, realizations=realizations, photons=photons,
@@ -66,7 +66,7 @@ def coverage(
     """Map the gain over the plane of the receiver."""
     study = partial(mt.coverage_map, photons=photons, rtol=rtol, extent=extent, step=step,
                     times=times, wavelengths_nm=wavelengths_nm)  # fmt: skip
-    # nobody knows how many photons a tolerance takes
+    # photons to reach a tolerance cannot be told beforehand: the bar has no total
     steps = photons if rtol is None else None
     options.run(study, progress(steps, "mapping the gain", kernels="analog"))
 
@@ -84,7 +84,7 @@ def compare(
     The error of a difference is smaller than those of the gains: their common noise cancels.
     """
     scenarios = {path.stem: options.scenario(path) for path in link}
-    # results have the names of the files
+    # results are named by the stems of the files, which must differ
     if len(scenarios) < len(link):
         raise Refused("links", ", ".join(map(str, link)), "files of different names")
     options.check(*link)
@@ -128,7 +128,7 @@ def converge(
     default none).
     """
     require_word(what, ("gain", "fading"), "--what")
-    # the four studies have defaults of their own
+    # only what is set: each of the four studies has defaults of its own
     chosen = opt.without_none(spacings=spacings, steps=steps, omega_max=omega_max, normals=normals,
                               placements=placements, realizations=realizations, duration=duration,
                               tolerance=tolerance, unresolved=unresolved)  # fmt: skip
@@ -138,6 +138,7 @@ def converge(
 
 
 def _defaults(study: Any) -> dict[str, Any]:
+    """Return the default of each parameter of a study."""
     return {name: p.default for name, p in inspect.signature(study).parameters.items()}
 
 
@@ -159,9 +160,13 @@ def _study_of(options: dict[str, Any], what: str) -> Any:
 
 
 def _surfaces(values: dict[str, Any]) -> float | None:
-    """Return the number of surfaces of a study of convergence, the steps of its progress."""
+    """Return the number of surfaces of a study of convergence: the total of its progress bar.
+
+    `values` are the arguments of the study, defaults included.
+    """
     if "steps" in values:
-        # steps that halve: all together are twice as many as the shortest ones
+        # where each step is half of the next, all together are twice as many as the shortest:
+        # 1 + 1/2 + 1/4 + ... = 2
         steps = values["steps"]
         duration = values["duration"] or 8.0 * max(steps)
         return 2.0 * duration / min(steps) + 1.0 if min(steps) > 0.0 else None
@@ -281,14 +286,14 @@ def traces(
     """
     from meshtrace.apps.traces import pieces_in
 
-    # the study takes None for no downlink
+    # of the study: "mirrored" has lamp and receiver at both ends, None has no downlink
     downlink: Any = "mirrored" if down is None else None
     if down is not None and down != "none":
         downlink = options.scenario(Path(down)).link
     study = partial(mt.channel_trace, down=downlink, hours=hours, rate=rate,
                     background_rate=background_rate, photons=photons)  # fmt: skip
     pieces = None
-    # the study refuses numbers without pieces, such as nan, by their option
+    # numbers without pieces, such as nan, are left to the study, whose refusal names the option
     with suppress(ValueError, OverflowError):
         pieces = pieces_in(hours, rate)
     options.run(study, progress(pieces, "frames"))
@@ -325,16 +330,16 @@ def ber(
     scenarios = [options.scenario(link, settings | {"wind_speed": speed}) for speed in winds]
     options.check(link)
     if realizations is None:
-        # each depth has all seas
+        # each depth is computed over all seas: fewer of them
         realizations = 50 if depths else 200
     by_wind = []
     for scenario in scenarios:
         flight = mt.Flight(scenario.uav, coupled=True) if coupled and scenario.uav else None
         if coupled and flight is None:
             raise Refused("--coupled", True, "with an aircraft that tilts the receiver")
-        # over a surface without random phases the study needs one evaluation
-        many = coupled or isinstance(scenario.surface, SeededSurface)
-        steps = (realizations if many else 1) * len(depths or [0])
+        # a surface without random phases takes one evaluation: further seas would be the same
+        repeated = coupled or isinstance(scenario.surface, SeededSurface)
+        steps = (realizations if repeated else 1) * len(depths or [0])
         study = partial(mt.link_performance, flight=flight, bit_rate=bit_rate, depths=depths,
                         limit=limit, confidence=confidence, realizations=realizations,
                         photons=photons)  # fmt: skip
@@ -411,10 +416,10 @@ def sweep(
         write_dataset(data, output)
         typer.echo(f"\nwritten to {output}")
     errors = [text for text in data["error"].values.ravel().tolist() if text]
-    # the store keeps what succeeded: this is for scripts
+    # finished points are in the store; the exit code tells scripts of the others
     if errors:
-        share = f"{len(errors)} of {data['error'].size} runs failed"
-        typer.echo(f"warning: {share}, the first: {errors[0]}", err=True)
+        failures = f"{len(errors)} of {data['error'].size} runs failed"
+        typer.echo(f"warning: {failures}, the first: {errors[0]}", err=True)
         raise typer.Exit(1)
 
 
@@ -430,7 +435,7 @@ def _rows(data: "xr.Dataset") -> list[str]:
     dims = [str(name) for name in gain.dims if name != "realization"]
     columns = {
         "gain": gain.mean("realization"),
-        # each realization draws its own chains: their errors are independent
+        # realizations have chains of their own: their errors are independent
         "stderr": (stderr**2).sum("realization", skipna=False) ** 0.5 / n,
         "scatter": gain.std("realization", ddof=min(1, n - 1)),
     }

@@ -17,7 +17,7 @@ from meshtrace.cli.application import command
 from meshtrace.cli.options import flag, numbers, value
 from meshtrace.errors import Described, Refused, require_word
 
-_ALL = "forced analog"
+_ALL = "forced analog"  # kinds of kernels: those of both estimators
 
 
 @command()
@@ -34,7 +34,7 @@ def run(
         "--verbose", "-v", help="Print samples and chains, too.")] = False,
 ) -> None:  # fmt: skip
     """Simulate one link and print its channel gain."""
-    # texts, as those of Changes
+    # texts, as the options of `Changes`: the checks of link files parse them
     settings = {"run.photons": photons, "run.rtol": rtol, "run.estimator": estimator}
     scenario = changes.scenario(link, settings)
     console.check_output(output, link)
@@ -49,15 +49,15 @@ def run(
 
 
 def _simulate(scenario: "mt.Scenario", quiet: bool, wavelengths: Any) -> tuple[Any, float]:
-    """Return the result of a scenario and its wall time [s], compiling beforehand if need be."""
-    known = scenario.run.photons if scenario.run.rtol is None else None
-    with console.progress(known, "following photons", kernels="", quiet=quiet) as (say, advance):
+    """Return the result of a scenario and its wall time [s], which excludes compilation."""
+    photons = scenario.run.photons if scenario.run.rtol is None else None
+    with console.progress(photons, "following photons", kernels="", quiet=quiet) as (say, advance):
         if not console.kernels_are_compiled(scenario.run.estimator.kind):
-            # a wrong link is told before the kernels compile
+            # a wrong link is refused here, before the kernels compile
             scenario.mesh()
             say(console.COMPILING)
             with warnings.catch_warnings(action="ignore"), console.compiling_ahead(scenario):
-                # in this thread: others end their compilation before Ctrl-C ends them
+                # one thread, this one: Ctrl-C would wait until other threads have compiled
                 few = {"photons": min(scenario.run.photons, 64), "rtol": None, "threads": 1}
                 short = scenario.run.model_copy(update=few)
                 scenario.model_copy(update={"run": short}).simulate()
@@ -66,6 +66,7 @@ def _simulate(scenario: "mt.Scenario", quiet: bool, wavelengths: Any) -> tuple[A
         return result, time.perf_counter() - start
 
 
+# Attributes of a result that JSON has by the same names.
 _GAINS = ("gain", "gain_stderr", "gain_db", "gain_bound", "gain_ballistic", "gain_scattered",
           "mesh_error")  # fmt: skip
 
@@ -211,7 +212,7 @@ def warm() -> None:
     several = mt.Link(water=mt.Water(bottom_depth=20.0), receiver=(mt.Receiver(), mt.Receiver()))
     links = [mt.Link().mirrored(), mt.Link(physics=mt.Physics(unresolved="none")), several]
     runs: list[Callable[[], Any]] = [
-        # `meshtrace run` meshes its sea in another way than simulate
+        # the sea of `meshtrace run` has another mesh than that of `simulate`
         opt.Changes().scenario(None).simulate,
         *(partial(mt.simulate, link, sea, photons=64) for link in links),
         partial(mt.simulate, mt.Link(), sea, "analog", photons=64),
@@ -253,23 +254,23 @@ def water(
                             temperature_c=temperature_c, salinity=salinity)  # fmt: skip
     if keys or file is not None:
         if link is not None or set_:
-            both = Described(f"{link or set_} beside options of a water")
-            raise Refused("link", both, "one of them")
+            conflict = Described(f"{link or set_} beside options of a water")
+            raise Refused("link", conflict, "one of them")
         spectrum = spectrum_of(keys if file is None else keys | {"file": str(file)})
-        # a water is made at some wavelength; its spectra do not depend on that
+        # a `Water` needs a wavelength, here 470 nm or the next; its spectra do not depend on it
         low, high = spectrum.limits_nm
         sample = mt.Water(spectrum=spectrum, wavelength_nm=min(max(low, 470.0), high))
     else:
-        lamp = opt.Changes(set_=set_, trust=trust).scenario(link).link
-        sample = lamp.water
+        scenario_link = opt.Changes(set_=set_, trust=trust).scenario(link).link
+        sample = scenario_link.water
         if sample.spectrum is None and wavelengths is None and plot is None:
-            typer.echo(sample.described(lamp.transmitters[0].wavelength_nm))
+            typer.echo(sample.described(scenario_link.transmitters[0].wavelength_nm))
             return
     data = sample.spectra(wavelengths)
     columns = [data[name].values for name in ("wavelength_nm", *"abcn")]
     cells = [(f"{w:g}", *(f"{x:.4g}" for x in abc), f"{n:.4f}")
             for w, *abc, n in zip(*columns, strict=True)]  # fmt: skip
     headings = ("wavelength [nm]", "a [m-1]", "b [m-1]", "c [m-1]", "n")
-    where = ", at the surface" if sample.layers else ""
-    typer.echo(f"{data.attrs['source']}{where}\n\n{text_table(cells, headings)}")
+    note = ", at the surface" if sample.layers else ""
+    typer.echo(f"{data.attrs['source']}{note}\n\n{text_table(cells, headings)}")
     console.draw(data, plot)

@@ -27,19 +27,20 @@ from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.keys import Bounds, checked_bounds
 from meshtrace.studies.neighbours import DECIBELS, closing_depth
 
-_FLAT_DB = 0.5
-_POINTS = 49  # of a scan
-_NODES, _VIEWS = 4, 13  # links of a scan over a key that changes the light, and over the view
-_FEW_COUNTS = 100.0  # in a one
-_WINDOWS = 6  # intervals of bit rates between those whose averaging windows are sought
-_COLOURS = 9  # wavelengths with common paths
-_COLOURS_NM = 400.0, 650.0
+# Tuned: accuracy of a design against its cost.
+_FLAT_DB = 0.5  # values this close to the best are as good [dB]
+_POINTS = 49  # values of a scan
+_NODES, _VIEWS = 4, 13  # of these, simulated ones: over other keys, and over the field of view
+_FEW_COUNTS = 100.0  # mean counts in a 1 bit, below which the discrete counts bound the rate
+_WINDOWS = 6  # intervals between the bit rates at which the best averaging window is sought
+_COLOURS = 9  # simulated wavelengths, on common paths
+_COLOURS_NM = 400.0, 650.0  # widest default bounds [nm]
 OPTICS = LENS, VIEW, WIDTH
 """Keys of which the best values are also sought together."""
-_RUNS = 4  # of the search for the greatest depth
-_BIT_RATES = 1e3, 1e9  # of the search for the greatest one
-_NEAR_DB = 0.3  # reserve, or its error, of a depth that counts as the greatest
-_FAR_DB = 3.0  # short at the surface, by chains, where no depth is sought
+_RUNS = 4  # runs of the search for the greatest depth
+_BIT_RATES = 1e3, 1e9  # bounds of the search for the greatest bit rate [bit s-1]
+_NEAR_DB = 0.3  # a reserve that counts as none at the greatest depth, unless its error is larger
+_FAR_DB = 3.0  # power missing at the surface, extrapolated, from which no depth is sought
 
 
 @check_call
@@ -56,6 +57,9 @@ def design(
 
     reserve = 10 log10(q / need),  P(g h_alpha < q) = outage
 
+    Here g is the channel gain, h_alpha the tilt factor of the aircraft, and `need` the gain at
+    which the bit error rate is `limit`.
+
     Parameters
     ----------
     scenario : Scenario
@@ -68,7 +72,7 @@ def design(
     over : mapping of str to (low, high), optional
         Bounds of the best values by key, in place of the default ones.
     realizations : int
-        Seas of the figures; a link that is run by itself has 16 of them.
+        Seas of the figures; links in a separate run have at most 16 of them.
     **run
         Options of the run, see `StudyOptions`: 512 chains by default.
 
@@ -126,8 +130,8 @@ def _page(study: _Study, campaign: Campaign, ranges: Bounds | None) -> Design:
         *(partial(study.figures, period) for period in PERIODS),
         study.budget,
     )
-    *reaches, by_night, by_day, budget = others
-    by_key |= dict(zip(alone, reaches, strict=True))
+    *scans_alone, by_night, by_day, budget = others
+    by_key |= dict(zip(alone, scans_alone, strict=True))
     scans = [scan for key in bounds for scan in by_key[key]]
     reach = [
         row
@@ -167,15 +171,18 @@ class _Study(LinkModel):
     """Reserves over the values of each key, the best of them, reach and budget."""
 
     def bounds(self, ranges: Bounds | None) -> dict[str, tuple[float, float]]:
-        """Return the bounds of each key that is scanned."""
+        """Return the bounds of each key that is scanned, in the unit of the key.
+
+        The default ones are factors about the values of the link, tuned.
+        """
         name, end = self.link.air_end
         x = end.position[0]
-        radius, reach = self.link.only_receiver.radius, 0.5 * (end.height + self.link.depth)
+        radius, span = self.link.only_receiver.radius, 0.5 * (end.height + self.link.depth)
         bounds = {
             LENS: (radius / 4.0, 4.0 * radius),
             VIEW: (2.0, 120.0),
             WIDTH: (1.0, 40.0),
-            f"{name}.position.0": (x, x + reach),
+            f"{name}.position.0": (x, x + span),
             f"{name}.height": (0.5 * end.height, 2.0 * end.height),
             RATE: (0.1 * self.dark.bit_rate, min(30.0 * self.dark.bit_rate, 1e10)),
         }
@@ -184,7 +191,7 @@ class _Study(LinkModel):
             low, high = spectrum.limits_nm
             bounds[COLOUR] = max(low, _COLOURS_NM[0]), min(high, _COLOURS_NM[1])
         elif ranges and COLOUR in ranges:
-            self.link.at_wavelength(ranges[COLOUR][0])  # refused
+            self.link.at_wavelength(ranges[COLOUR][0])  # raises `Refused` with the reason
         require_keys({} if ranges is None else ranges, bounds, "over")
         return bounds | checked_bounds(ranges or {})
 
@@ -196,6 +203,7 @@ class _Study(LinkModel):
         if key == COLOUR:
             return self._colours(values)
         logs, errors = self._logs(key, values)
+        # radius, field of view and filter width of `reserve`: None stands for those of the link
         optics = [[v if name == key else None for name in OPTICS] for v in values.tolist()]
         scans = []
         for period in PERIODS:
@@ -206,37 +214,37 @@ class _Study(LinkModel):
 
     def _values(self, key: str, bounds: tuple[float, float]) -> Floats:
         """Return the values of a scan, the link's among them."""
-        present = self._given(key)
+        present = self._present(key)
         spaced = np.linspace if key.endswith("position.0") else np.geomspace
-        # a gain is counted from the value of the link, which the scan must hold
         values = spaced(*bounds, _POINTS)
         # a gain is counted from the value of the link, which must be among those of the scan
         if bounds[0] <= present <= bounds[1]:
             values[np.abs(values - present).argmin()] = present
         return values
 
-    def _given(self, key: str) -> float:
+    def _present(self, key: str) -> float:
         """Return the value of a key of the link or of the detector."""
         return float(Variant(self.link, None, self.dark).value(key))
 
     def _logs(self, key: str, values: Floats) -> tuple[dict[str, Floats], Floats]:
-        """Return log gain ratios to the given link, by night and by day, and their errors.
+        """Return ln of gain ratios to the given link, by night and by day, and their errors.
 
-        Less the power that the response of the channel costs.
+        The ratios are less the power that the response of the channel costs (`pulse_loss`).
         """
         if key == WIDTH:
             return dict.fromkeys(PERIODS, np.zeros(len(values))), np.zeros(len(values))
-        straight = key.endswith("position.0")
-        at = values if straight else np.log(values)
-        step, links, places = 2 if key == VIEW else 1, self._at(key, values), at[_nodes(key)]
+        linear = key.endswith("position.0")
+        abscissa = values if linear else np.log(values)
+        # tuned: each pulse loss takes a search for a power; over the view every other node has one
+        stride, links, nodes = 2 if key == VIEW else 1, self._at(key, values), abscissa[_nodes(key)]
         logs, errors = np.array([self.means.log_ratio(link) for link in links]).T
-        by_period: dict[str, Floats] = dict.fromkeys(PERIODS, _through(places, logs, at))
+        by_period: dict[str, Floats] = dict.fromkeys(PERIODS, _through(nodes, logs, abscissa))
         if key == LENS:  # which changes no delays
-            return by_period, np.interp(at, places, errors)
+            return by_period, np.interp(abscissa, nodes, errors)
         for period in PERIODS:
-            losses = np.array([self.pulse_loss(period, link) for link in links[::step]])
-            by_period[period] = by_period[period] - _through(places[::step], losses, at)
-        return by_period, np.interp(at, places, errors)
+            losses = np.array([self.pulse_loss(period, link) for link in links[::stride]])
+            by_period[period] = by_period[period] - _through(nodes[::stride], losses, abscissa)
+        return by_period, np.interp(abscissa, nodes, errors)
 
     def _at(self, key: str, values: Floats) -> list[Link]:
         """Return the links at the nodes of a scan."""
@@ -250,13 +258,14 @@ class _Study(LinkModel):
         results_of(
             self.campaign.threads,
             lambda: self.fades,
-            partial(self.means.compute, links),  # with common random numbers
+            partial(self.means.compute, links),  # in few runs, with common random numbers
             *(partial(self.need, period) for period in PERIODS),
-            lambda: self.spreads and self.response(self.link),
+            lambda: self.spreads and self.response(self.link),  # cached; only if pulses spread
         )
 
     def _bit_rates(self, period: Period, values: Floats) -> Scan:
         """Return the reserves over bit rates; the best has the largest rate of hard decisions."""
+        # standard error of ln q, and ln q
         error = self.quantile_stderr
         gain = self.quantile(self.link.only_receiver.fov_deg)
         nodes = values[:: len(values) // _WINDOWS]
@@ -264,18 +273,21 @@ class _Study(LinkModel):
         shares = [self.at_rate(period, v).averaging_window * v for v in nodes.tolist()]
         self.windows[period] = np.log(nodes), np.array(shares)
         ooks = [self.at_rate(period, v, self.window_at(period, v)) for v in values.tolist()]
-        # the reserve is smooth over the rate, and its search for a power the costly part
+        # the search for the required power is costly, the reserve smooth: every other rate does
         coarse = [self.margin_db(gain, ook, ook.required_power(self.limit)) for ook in ooks[::2]]
         reserves = np.interp(np.log(values), np.log(values[::2]), coarse)
-        carried, errors = [], []
+        carried, shares_within_error = [], []
         for ook in ooks:
+            # at the quantile, then one standard error below and above it
             powers = ook.received_power(np.exp(gain + error * np.array([0.0, -1.0, 1.0])))
-            hard, *ends = hard_information(ook.ber(powers)).tolist()
-            if ook.levels(powers[0])[1] * ook.bit_time < _FEW_COUNTS:  # bounded by full counts
-                hard = capacity(ook, [math.exp(gain)]).hard / ook.bit_rate
-            carried.append(hard * ook.bit_rate)
-            errors.append(ends)
-        low, high = 5.0 * np.log10(np.maximum(np.array(errors), 1e-9)).T
+            share, *shares_at_ends = hard_information(ook.ber(powers)).tolist()
+            if ook.levels(powers[0])[1] * ook.bit_time < _FEW_COUNTS:
+                # a Gaussian BER may claim more than the full counts carry: `capacity` bounds it
+                share = capacity(ook, [math.exp(gain)]).hard / ook.bit_rate
+            carried.append(share * ook.bit_rate)
+            shares_within_error.append(shares_at_ends)
+        # half of the difference in dB is the error; floors stand for a rate of 0
+        low, high = 5.0 * np.log10(np.maximum(np.array(shares_within_error), 1e-9)).T
         merit = 10.0 * np.log10(np.maximum(carried, 1e-3))
         return self._scan(period, RATE, values, reserves, np.abs(high - low), merit)
 
@@ -285,16 +297,16 @@ class _Study(LinkModel):
 
     def _colours(self, values: Floats) -> list[Scan]:
         """Return the reserves over wavelengths from common paths, by night and by day."""
-        own_nm = self.link.transmitters[0].wavelength_nm
-        nodes = np.unique([*np.linspace(values[0], values[-1], _COLOURS), own_nm])
+        link_nm = self.link.transmitters[0].wavelength_nm
+        nodes = np.unique([*np.linspace(values[0], values[-1], _COLOURS), link_nm])
         links = [self.link.at_wavelength(nm) for nm in nodes.tolist()]
-        logs, errors = self.colours(links, int(np.searchsorted(nodes, own_nm)))
+        logs, errors = self.colours(links, int(np.searchsorted(nodes, link_nm)))
         scans = []
         for period in PERIODS:
             try:
-                bright = self.brightness(period, nodes.tolist())
-                each = zip(links, logs, bright.tolist(), strict=True)
-                reserves = [self.at_colour(period, *colour) for colour in each]
+                brightness = self.brightness(period, nodes.tolist())
+                by_colour = zip(links, logs, brightness.tolist(), strict=True)
+                reserves = [self.at_colour(period, *colour) for colour in by_colour]
             except Refused:  # irradiances of one wavelength
                 continue
             curve = _through(nodes, np.array(reserves), values)
@@ -311,26 +323,26 @@ class _Study(LinkModel):
         merit: Floats | None = None,
     ) -> Scan:  # fmt: skip
         """Return a scan with its best value, that of highest reserve or of a given merit [dB]."""
-        present = self._given(key)
-        allowed, notes = np.ones(len(values), bool), []
-        sought, at_present = reserves, self.reserve(period)
+        present = self._present(key)
+        permitted, notes = np.ones(len(values), bool), []
+        score, at_present = reserves, self.reserve(period)
         if merit is not None:
-            sought, at_present = merit, float(np.interp(math.log(present), np.log(values), merit))
+            score, at_present = merit, float(np.interp(math.log(present), np.log(values), merit))
         if key == WIDTH:
-            # outside of its band at the edge of the view a narrow filter would take light away
+            # a filter narrower than its shift at the edge of the view would lose light from there
             least = self._least_width(self.link.only_receiver.fov_deg)
-            allowed = values >= min(least, values[-1])
-            sought = reserves = np.where(allowed, reserves, math.nan)
+            permitted = values >= min(least, values[-1])
+            score = reserves = np.where(permitted, reserves, math.nan)
             notes.append(f"shift at the edge of the view {least:.2g} nm")
-        best = int(np.argmax(np.where(allowed, sought, -np.inf)))
-        inside = allowed & (sought >= sought[best] - np.maximum(_FLAT_DB, errors))
+        best = int(np.argmax(np.where(permitted, score, -np.inf)))
         # values that the errors cannot tell from the best one are as good
-        low, high = _around(inside, best)
+        as_good = permitted & (score >= score[best] - np.maximum(_FLAT_DB, errors))
+        low, high = _around(as_good, best)
         if best in (0, len(values) - 1) and values[best] != present:
             notes.append("at the bound")
         if merit is not None:
             notes.append(f"{10.0 ** (0.1 * merit[best]) / 1e6:.3g} Mbit/s after hard decisions")
-        gained = sought[best] - at_present if math.isfinite(at_present) else math.nan
+        gained = score[best] - at_present if math.isfinite(at_present) else math.nan
         unit = {"deg": "deg", "nm": "nm", "rate": "bit s-1"}.get(key.rpartition("_")[2], "m")
         flat = float(values[low]), float(values[high])
         choice = BestValue(period, key, unit, present, float(values[best]), float(gained),
@@ -349,7 +361,8 @@ class _Study(LinkModel):
             self._logs(key, x)[0][period] for key, x in ((LENS, radii), (VIEW, views))
         )
         radii, views, by_radius, by_view = (x[::2] for x in (radii, views, by_radius, by_view))
-        # logarithms of both ratios are added: what lens and view do to each other a run tells
+        # logarithms of both ratios are added, as if lens and view were independent: the separate
+        # run tells how far they are
         least = bounds[WIDTH][0]
         reserves = np.array([
             [
@@ -360,18 +373,18 @@ class _Study(LinkModel):
             for radius, r in zip(radii.tolist(), by_radius, strict=True)
         ])  # fmt: skip
         i, j = np.unravel_index(int(np.argmax(reserves)), reserves.shape)
-        near = reserves >= reserves[i, j] - _FLAT_DB
+        as_good = reserves >= reserves[i, j] - _FLAT_DB
         best = {"radius": float(radii[i]), "fov_deg": float(views[j])}
         width = max(least, self._least_width(best["fov_deg"]))
         link = self.link.replace(LENS, best["radius"]).replace(VIEW, best["fov_deg"])
         reserve, error = self.reserve_of_run(period, link, width)
         gained = reserve - self.reserve(period)
         note = f"by a separate run; {reserves[i, j]:+.1f} dB by the scans"
-        widths = [max(least, self._least_width(v)) for v in views[near.any(axis=0)].tolist()]
+        widths = [max(least, self._least_width(v)) for v in views[as_good.any(axis=0)].tolist()]
         optics = self.dark.optics
         table = (
-            (LENS, "m", optics.radius, best["radius"], radii[near.any(axis=1)]),
-            (VIEW, "deg", optics.fov_deg, best["fov_deg"], views[near.any(axis=0)]),
+            (LENS, "m", optics.radius, best["radius"], radii[as_good.any(axis=1)]),
+            (VIEW, "deg", optics.fov_deg, best["fov_deg"], views[as_good.any(axis=0)]),
             (WIDTH, "nm", optics.filter_width_nm, width, np.array(widths)),
         )
         return tuple(
@@ -387,10 +400,10 @@ class _Study(LinkModel):
         depth, note = greatest
         power = 1e3 * self.dark.led.power
         # the reserve is in dB of received power, which is linear in that of the lamp
-        least = power * 10.0 ** (-reserve / 10.0) if math.isfinite(reserve) else math.nan
+        least_power = power * 10.0 ** (-reserve / 10.0) if math.isfinite(reserve) else math.nan
         reaches = [
             Reach(period, f"{end}.depth", "m", self.link.depth, depth, "at most", note),
-            Reach(period, "transmitter.power_mw", "mW", power, least, "at least"),
+            Reach(period, "transmitter.power_mw", "mW", power, least_power, "at least"),
             Reach(period, "detector.bit_rate", "bit s-1", self.dark.bit_rate,
                   self._bit_rate(period, scans), "at most"),
         ]  # fmt: skip
@@ -400,12 +413,12 @@ class _Study(LinkModel):
         return reaches
 
     def _bit_rate(self, period: Period, scans: list[Scan]) -> float:
-        """Return the greatest bit rate that closes [bit s-1], near the scan's."""
-        # the scan brackets the rate, with a margin of 2 % for its interpolation
-        known = next(s for s in scans if (s.choice.key, s.choice.light) == (RATE, period))
-        rates, near = np.log(known.values), known.reserves >= 0.0
-        low = float(rates[near].max(initial=math.log(_BIT_RATES[0]))) - 0.02
-        high = float(rates[~near].min(initial=math.log(_BIT_RATES[1]))) + 0.02
+        """Return the greatest bit rate that closes [bit s-1] by bisection, to 1 %; nan for none."""
+        # the scan brackets ln(rate), with a margin of 2 % for its interpolation
+        scan = next(s for s in scans if (s.choice.key, s.choice.light) == (RATE, period))
+        rates, closing = np.log(scan.values), scan.reserves >= 0.0
+        low = float(rates[closing].max(initial=math.log(_BIT_RATES[0]))) - 0.02
+        high = float(rates[~closing].min(initial=math.log(_BIT_RATES[1]))) + 0.02
         gain = self.quantile(self.link.only_receiver.fov_deg)
 
         def closes(log_rate: float) -> bool:
@@ -415,7 +428,7 @@ class _Study(LinkModel):
 
         if not closes(low):
             return math.nan
-        while high - low > 0.01:  # a closed eye has no reserve to interpolate
+        while high - low > 0.01:  # no secant: a closed eye has no finite reserve
             middle = 0.5 * (low + high)
             low, high = (middle, high) if closes(middle) else (low, middle)
         return math.exp(low)
@@ -423,7 +436,7 @@ class _Study(LinkModel):
     def greatest_depth(self, period: Period) -> tuple[float, str]:
         """Return the greatest depth that closes [m], and the reserve of a run there.
 
-        The run begins at the depth that would close if the law of the fading stayed.
+        The runs begin at the depth that would close if the law of the fading stayed.
         """
         start = self.link.depth, self.reserve(period)
         if math.isinf(start[1]):
@@ -438,6 +451,7 @@ class _Study(LinkModel):
             log, error = self.separate_run(self.link.at_depth(depth))
             return self._at_depth(period, depth, log), max(_NEAR_DB, DECIBELS * error)
 
+        # another depth for the secant, above that of the link (tuned)
         first = start[0] * (0.9 if start[1] >= 0.0 else 0.7)
         try:
             # ratios of means are cheap, and bring the search near to where runs of many seas begin
@@ -455,24 +469,24 @@ class _Study(LinkModel):
     def _at_depth(self, period: Period, depth: float, log_quantile: float) -> float:
         """Return the reserve at a depth [dB]; a submerged receiver sees the background there."""
         # a receiver in the air has its background whatever the depth of the lamp
-        bright = 1.0
+        brightness = 1.0
         if self.link.direction == "down" and period == DAY:
-            bright = self.radiance(period, self.link.at_depth(depth))
-            bright /= self.radiance(period, self.link)
-        lost = self.pulse_loss(period, self.link.at_depth(depth))
+            brightness = self.radiance(period, self.link.at_depth(depth))
+            brightness /= self.radiance(period, self.link)
+        pulse_loss = self.pulse_loss(period, self.link.at_depth(depth))
         return self.margin_db(
-            log_quantile - lost, self.dark, self.needed(period, self.dark, bright)
+            log_quantile - pulse_loss, self.dark, self.needed(period, self.dark, brightness)
         )
 
 
 def _nodes(key: str) -> NDArray[np.intp]:
-    """Return the numbers of the values of a scan at which there are links."""
+    """Return the indices of the values of a scan that are simulated, both ends included."""
     count = _VIEWS if key == VIEW else _NODES
     return np.linspace(0, _POINTS - 1, count).round().astype(np.intp)
 
 
 def _around(allowed: NDArray[np.bool_], i: int) -> tuple[int, int]:
-    """Return first and last index of the run of true values that contains i."""
+    """Return first and last index of the run of true values about i, which is one of them."""
     others = np.flatnonzero(~allowed)
     low = others[others < i].max(initial=-1) + 1
     return int(low), int(others[others > i].min(initial=len(allowed)) - 1)
@@ -489,23 +503,25 @@ def _through(places: Floats, values: Floats, at: Floats) -> Floats:
 def _closing(choice: BestValue, values: Floats, reserves: Floats) -> Reach:
     """Return the value of a key nearest to the link's at which the link just closes.
 
-    The value up to which it closes, down to which for a lens, if that of the link closes.
+    If the link itself closes, that is the value up to which it closes; for a lens down to which.
     """
     period, key, unit, present = choice[:4]
-    closes, nearest = reserves >= 0.0, int(np.abs(values - present).argmin())
+    closes, at_present = reserves >= 0.0, int(np.abs(values - present).argmin())
     if not closes.any():
         return Reach(period, key, unit, present, math.nan, "at most")
     # of several ranges that close the one next to the present value is the least change
-    near = min(np.flatnonzero(closes).tolist(), key=lambda k: abs(k - nearest))
-    low, high = _around(closes, near)
-    rising = near < nearest or (near == nearest and key != LENS)
-    i, far, other = (high, high + 1, low) if rising else (low, low - 1, high)
-    value, note = float(values[i]), "end of the scan"
-    if 0 <= far < len(values):
+    start = min(np.flatnonzero(closes).tolist(), key=lambda k: abs(k - at_present))
+    low, high = _around(closes, start)
+    # whether the closing values end with an upper bound, "at most"
+    rising = start < at_present or (start == at_present and key != LENS)
+    last, beyond, first = (high, high + 1, low) if rising else (low, low - 1, high)
+    value, note = float(values[last]), "end of the scan"
+    if 0 <= beyond < len(values):
         note = ""
-        if math.isfinite(reserves[far]):
-            share = reserves[i] / (reserves[i] - reserves[far])
-            value += float(share * (values[far] - values[i]))
+        if math.isfinite(reserves[beyond]):
+            # linear interpolation to a reserve of 0
+            fraction = reserves[last] / (reserves[last] - reserves[beyond])
+            value += float(fraction * (values[beyond] - values[last]))
     if key == COLOUR:
-        note = f"{'from' if rising else 'to'} {values[other]:.0f} nm"
+        note = f"{'from' if rising else 'to'} {values[first]:.0f} nm"
     return Reach(period, key, unit, present, value, "at most" if rising else "at least", note)

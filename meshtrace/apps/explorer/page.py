@@ -37,11 +37,11 @@ from meshtrace.scenario import Scenario
 _ASSETS = Path(__file__).with_name("assets")
 _TEMPLATE = (_ASSETS / "page.html").read_text(encoding="utf-8")
 _SCENE_PERIOD = 0.05  # shortest time between two scenes while a control moves [s]
-_FRAME_PERIOD = 0.1  # of the running sea [s]
-_PATIENCE = 2.0  # longest wait for the browser to draw it [s]
-_REST = 0.5  # time without a move after which controls rest [s]
-_FIXED_ZOOM = re.compile(r",\s*maximum-scale=1,minimum-scale=1")  # readers may enlarge the page
-_LONGEST_START = 30.0  # of a server, which takes a tenth of a second [s]
+_FRAME_PERIOD = 0.1  # shortest time between two frames of the running sea [s]
+_PATIENCE = 2.0  # longest wait for the browser to draw such a frame [s]
+_REST = 0.5  # time without a move after which controls are taken to be at rest [s]
+_FIXED_ZOOM = re.compile(r",\s*maximum-scale=1,minimum-scale=1")  # users may enlarge the page
+_LONGEST_START = 30.0  # longest wait for a server, which starts in a tenth of a second [s]
 _IDLE = 600  # time without a browser after which a session ends [s]
 
 _POLICY = (
@@ -86,15 +86,16 @@ class Page:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._scene_due: asyncio.TimerHandle | None = None
         self._resync: asyncio.TimerHandle | None = None
-        self._unsure: dict[str, bool] = {}  # refused controls, and whether a value followed
-        self._scene_time = 0.0
+        # refused controls, and whether an accepted value has followed (see `_resync_soon`)
+        self._unsure: dict[str, bool] = {}
+        self._scene_time = 0.0  # when the scene was last updated, by the clock of the loop [s]
         self._running: asyncio.Task[None] | None = None
         self._drawn = asyncio.Event()
         self._token = new_token()
         self._browsers = 0
-        self._state_a: tuple[State, dict[str, Any]] | None = None  # with the parts of its scene
+        self._state_a: tuple[State, dict[str, Any]] | None = None  # compared state
         self._design: asyncio.Task[None] | None = None
-        self._designed: State | None = None
+        self._designed: State | None = None  # state whose design is shown
         self._fill(title, base)
         for action in (self.compare, self.swap, self.restore, self.show_text, self.scene_ready,
                        self.drawn, self.seek, self.make_map, self.design):  # fmt: skip
@@ -109,7 +110,8 @@ class Page:
         Raises
         ------
         RuntimeError
-            If the server fails, or does not start in time: further visits wait for this one.
+            If the server fails, or does not start in time: without this bound later visits, which
+            wait for the start, would hang.
         """
         self._loop = asyncio.get_running_loop()
         self.server.cli.set_defaults(authKey=self._token)
@@ -154,10 +156,10 @@ class Page:
 
         async def index(request: web.Request) -> web.Response:
             html = Path(self.server.server_options.content, "index.html").read_text("utf-8")
-            # trame asks this address for its connection, without the query of the page
-            place = f'<html data-session-manager-url="paraview/?token={self._token}"'
+            # trame asks this address for its connection; it would leave the token of the page out
+            html_start = f'<html data-session-manager-url="paraview/?token={self._token}"'
             headers = {"Content-Security-Policy": policy(request, html)}
-            text = _FIXED_ZOOM.sub("", html.replace("<html", place, 1))
+            text = _FIXED_ZOOM.sub("", html.replace("<html", html_start, 1))
             return web.Response(text=text, content_type="text/html", headers=headers)
 
         async def session(request: web.Request) -> web.Response:
@@ -173,7 +175,7 @@ class Page:
                 return await handler(request)
             finally:
                 self._browsers -= 1
-                if not self._browsers and self._loop is not None:  # nobody sees the sea
+                if not self._browsers and self._loop is not None:  # no browser shows the sea
                     with self.server.state as page:
                         page.playing = False
 
@@ -184,7 +186,7 @@ class Page:
 
     def _report(self, error: BaseException) -> None:
         """Show an error as a line in the page; an internal one on the console, too."""
-        if isinstance(error, ConnectionResetError):  # a browser has just been closed
+        if isinstance(error, ConnectionResetError):  # a browser was closed meanwhile
             return
         text = str(error)
         if not isinstance(error, Refused):
@@ -264,6 +266,7 @@ class Page:
             self._restore(dict(before.moves) | {"time": before.time})
 
     def _keep(self, present: bool) -> None:
+        """Make the present state state A, with its scene and readings; or end the comparison."""
         page, session = self.server.state, self.session
         self._state_a = (session.state, dict(self.scene.parts)) if present else None
         reading, fading = readings.gain_reading(session), readings.fading_reading(session)
@@ -303,15 +306,16 @@ class Page:
     def _moved(self, **_: Any) -> None:
         """Move the state to the changed controls, and reset the controls of refused values."""
         page, now = self.server.state, self.session.state.settings
-        shown = {key: _number(page[key]) if key in BY_NAME else page[key] for key in now}
-        moves = {key: value for key, value in shown.items() if value != now[key]}
+        displayed = {key: _number(page[key]) if key in BY_NAME else page[key] for key in now}
+        moves = {key: value for key, value in displayed.items() if value != now[key]}
         if not moves:
             return
         refused = self._refused(moves)
         page.refused = "; ".join(map(str, refused.values()))
         settings = self.session.state.settings
-        page.update(  # all after a refusal, else values that follow from the moved ones
-            {k: v for k, v in settings.items() if refused or (k not in moves and v != shown[k])}
+        # to the page: all controls after a refusal, else those that a move of others has changed
+        page.update(
+            {k: v for k, v in settings.items() if refused or (k not in moves and v != displayed[k])}
         )
         unsure = refused.keys() | (moves.keys() & self._unsure.keys())
         self._unsure |= {name: name not in refused for name in unsure}
@@ -321,10 +325,10 @@ class Page:
         self._scene_soon()
 
     def _refused(self, moves: dict[str, Any]) -> dict[str, Refused]:
-        """Move all controls at once, or else one by one; return the refusals by control."""
+        """Move all controls at once or, if that is refused, one by one; return the refusals."""
         refused: dict[str, Refused] = {}
         try:
-            self.session.move(moves, answer=False)  # the scene is first: it is ready sooner
+            self.session.move(moves, answer=False)  # `_show_scene` answers, after the scene
         except Refused as error:
             if len(moves) == 1:
                 return dict.fromkeys(moves, error)
@@ -335,8 +339,8 @@ class Page:
     def _resync_soon(self) -> None:
         """Resend refused controls when they have come to rest, and again after their next value.
 
-        That value may be on its way while the one in place of the refused value is, which then
-        overwrites it in the field.
+        That next value may cross with the reset of the field to its value before the refusal: the
+        page then shows the reset, while the session has moved on.
         """
         if self._resync is not None:
             self._resync.cancel()
@@ -344,13 +348,14 @@ class Page:
             self._resync = self._loop.call_later(_REST, self._send_controls)
 
     def _send_controls(self) -> None:
+        """Resend the unsure controls, and forget those that an accepted value has followed."""
         self._resync = None
         self.server.force_state_push(*self._unsure)
         self._unsure = {name: sure for name, sure in self._unsure.items() if not sure}
 
     def _scene_soon(self) -> None:
         """Update the scene once for all moves of a short time."""
-        # one update is on its way, and takes the state as it is then
+        # an update that is due already shows the state of its own time
         if self._loop is None or self._scene_due is not None:
             return
         wait = max(self._scene_time + _SCENE_PERIOD - self._loop.time(), 0.0)
@@ -364,7 +369,7 @@ class Page:
             with self.server.state:
                 self._show_light()
             self._scene_time = self._loop.time() if self._loop else 0.0
-        except Refused:  # the answer reports it
+        except Refused:  # the answer of a stage reports the same refusal
             pass
         except Exception as error:
             self._report(error)
@@ -398,6 +403,7 @@ class Page:
         try:
             with self.server.state:
                 self._refresh()
+                # a running sea has rays of its own
                 if name in ("rays", "map") and self.session.fresh(name) and not self._running:
                     self._show_light()
         except Exception as error:
@@ -406,8 +412,8 @@ class Page:
     def _refresh(self) -> None:
         """Set the readings, the charts and the marks of stale answers."""
         session, page = self.session, self.server.state
-        other = self._designed is not None and self._designed.moves != session.state.moves
-        page.stale = {name: not session.fresh(name) for name in STAGES} | {"design": other}
+        outdated = self._designed is not None and self._designed.moves != session.state.moves
+        page.stale = {name: not session.fresh(name) for name in STAGES} | {"design": outdated}
         page.update(session.state.limits)
         page.working = session.working
         page.reading = readings.gain_reading(session)
@@ -430,20 +436,21 @@ class Page:
         page.map = None if coverage is None else readings.map_image(coverage)
 
     def _play_or_pause(self, playing: bool = False, **_: Any) -> None:
+        """Start the running sea; `_run` ends by itself once `playing` is false."""
         if playing and self._loop is not None and self._running is None:
             self._running = self._loop.create_task(self._run())
 
     async def _run(self) -> None:
-        """Run the sea in natural time until paused, looping over the series."""
+        """Run the sea in real time until paused, over and over the time of the fading series."""
         loop, session = asyncio.get_running_loop(), self.session
         start = loop.time() - session.state.time
         try:
             while self.server.state.playing:
-                begun = loop.time()
-                state = session.show_time((begun - start) % stages.DURATION)
+                frame_start = loop.time()
+                state = session.show_time((frame_start - start) % stages.DURATION)
                 rays = functools.partial(next, stages.rays(state, lambda *_: None))
                 paths = await asyncio.to_thread(stages.unless_refused, rays)
-                if session.state != state:  # moved meanwhile
+                if session.state != state:  # a move or seek came meanwhile
                     await asyncio.sleep(0)
                     continue
                 self.scene.update(state, running=True)
@@ -454,9 +461,10 @@ class Page:
                     page.update(self.scene.views(state))
                     page.reading = readings.gain_reading(session, running=True)
                     self._push_scene()
-                with suppress(TimeoutError):  # owed pictures would delay all answers
+                # frames sent faster than they are drawn would queue up before all answers
+                with suppress(TimeoutError):
                     await asyncio.wait_for(self._drawn.wait(), _PATIENCE)
-                await asyncio.sleep(max(_FRAME_PERIOD - (loop.time() - begun), 0.005))
+                await asyncio.sleep(max(_FRAME_PERIOD - (loop.time() - frame_start), 0.005))
         except Exception as error:
             self._report(error)
             with self.server.state as page:
@@ -475,7 +483,11 @@ def _number(value: Any) -> Any:
 
 
 def new_token() -> str:
-    """Return a secret for an address: the page reads digits as a number, capitals as small."""
+    """Return a secret for an address.
+
+    It begins with a letter and has no capitals: the page would read digits as a number, and
+    capitals as small letters.
+    """
     return f"t{secrets.token_hex(24)}"
 
 
@@ -533,5 +545,5 @@ def _is_of(request: web.Request, host: str) -> bool:
     names.add("localhost" if ip_address(address).is_loopback else socket.gethostname())
     try:
         return request.url.host in names and request.url.port == port
-    except ValueError:  # no name of a host
+    except ValueError:  # the request names no valid host
         return False

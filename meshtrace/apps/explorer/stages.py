@@ -63,20 +63,23 @@ PHOTONS = (20_000, 500_000)
 """Photons of both where only analog photons follow the link."""
 
 BACKGROUND_RAYS = 1024
+"""Rays traced backward from the receiver, for the light of sun and sky."""
 
 RAYS = 60
+"""Photon paths in the picture."""
 
+# Tuned: precision and length of the series against its cost.
 FADING_CHAINS = 1024
-FADING_RATE = 8.0  # [Hz]
+FADING_RATE = 8.0  # frames per second of the sea [Hz]
 FADING_FRAMES = 96
 DURATION = FADING_FRAMES / FADING_RATE
 """Time covered by a complete series [s]."""
 
-_MOST_ERROR = 0.2  # of a gain of the series, which is left out beyond
-_SHOWN_EVERY = 8  # frames, after which a part of the series is published
+_MOST_ERROR = 0.2  # largest relative standard error of a gain in the series [1]
+_SHOWN_EVERY = 8  # frames between two answers: a part of the series is shown each time
 
 MAP_PHOTONS = (100_000, 1_000_000)
-MAP_CELLS = 41
+MAP_CELLS = 41  # along an axis; odd: one is in the middle
 
 LIMIT = 1e-3
 """Bit error rate that the margin refers to."""
@@ -137,17 +140,17 @@ class Failed(str):
 
 
 def gains(state: State, check: Check) -> Iterator[Signal]:
-    """Compute the gain at the time of the state and its bits; yield a rough, then a fine answer.
+    """Compute gain and bit error rate at the time of the state; yield a rough, then a fine answer.
 
-    The refined pulses spread by the response of the channel to the same light, as in
-    `link_performance`: its averaging window takes half a second to choose.
+    The fine answer has pulses spread by the response of the channel, from the arrivals of the same
+    light, as in `link_performance`; to choose their averaging window takes half a second.
     """
     analog = isinstance(state.channel.run.estimator, Analog)
     day, sky_light = state.scenario.daylight, None
     rough, fine = PHOTONS if analog else CHAINS
     for photons in (rough, fine):
         check()
-        # the rough gain is there to be fast: its response would be noise
+        # the rough gain shall be fast, and its few arrivals would make a noisy response
         record = [Arrivals()] if photons == fine else []
         gain, notes = _with_warnings(partial(
             simulate, state.channel, time=state.time, photons=photons, record=record,
@@ -164,7 +167,7 @@ def gains(state: State, check: Check) -> Iterator[Signal]:
 
 def _with_warnings(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
     """Call a function; return its result and the texts of its warnings."""
-    # of the page they are notes beside the gain, and not lines on the console
+    # the page shows them as notes beside the gain; none goes to the console
     with _WARNINGS, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         result = work()
@@ -172,7 +175,7 @@ def _with_warnings(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
 
 
 def _light(state: State) -> Background | None:
-    """Return the background of a state; None without daylight."""
+    """Return the background light of a state; None without daylight."""
     if state.scenario.daylight is None:
         return None
     return background(state.scenario, time=state.time, photons=BACKGROUND_RAYS)
@@ -181,9 +184,10 @@ def _light(state: State) -> Background | None:
 def _detector(state: State, gain: GainResult, sky_light: Background | None) -> OokLink:
     """Return the receiver of a state with channel response and background light."""
     detector = state.detector
-    seen = unless_refused(lambda: impulse_response(gain))  # none of the rough gain or without light
-    if detector.response is None and seen is not None:
-        response = ChannelResponse.from_arrivals(seen.delay, seen.weight, seen.angle)
+    # refused for the rough gain, which has no arrivals, and where no light arrives
+    arrivals = unless_refused(lambda: impulse_response(gain))
+    if detector.response is None and arrivals is not None:
+        response = ChannelResponse.from_arrivals(arrivals.delay, arrivals.weight, arrivals.angle)
         detector = detector.replace(response=response)
     if sky_light is None:
         return detector
@@ -195,7 +199,7 @@ def _detector(state: State, gain: GainResult, sky_light: Background | None) -> O
 def _tilt_notes(state: State) -> tuple[str, ...]:
     """Describe the tilts of the aircraft that leave the field of view, as in `link_performance`.
 
-    The gain of the page is that at the tilt in the mean wind, which says nothing about gusts.
+    The page shows the gain at the tilt in the mean wind, which says nothing about gusts.
     """
     campaign = campaign_of(state.channel)
     flight = campaign.flight(None)
@@ -251,8 +255,9 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
 
     gain = np.empty(FADING_FRAMES)
     for i, gains in enumerate(campaign.each(Steps("time", times, surface))):
-        by_shift = gains[0, 0, 0]
-        mean, error = by_shift.mean(), error_of_groups(by_shift)
+        # (gain and unscattered part, links, receivers, shifts)
+        gain_of_shift = gains[0, 0, 0]
+        mean, error = gain_of_shift.mean(), error_of_groups(gain_of_shift)
         # noise of few chains would look like fading
         gain[i] = np.nan if error > _MOST_ERROR * mean else mean
         if (i + 1) % _SHOWN_EVERY == 0 and i + 1 < FADING_FRAMES:
@@ -264,14 +269,18 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
 
 
 def _series(times: Floats, gain: Floats) -> Fading:
-    """Return the series without gains of large error."""
-    certain = np.isfinite(gain)
-    return Fading(times[certain], gain[certain], int((~certain).sum()))
+    """Return the series without the gains of large error, which are nan."""
+    precise = np.isfinite(gain)
+    return Fading(times[precise], gain[precise], int((~precise).sum()))
 
 
 def index_of_all(link: Link, sea: SurfaceModel) -> float | None:
-    """Return the closed form over all waves; None off the axis and without a spectrum."""
-    # a tail of omega^-5 has no finite slopes, and no index over all its waves
+    """Return the closed form of the scintillation index over all waves of a sea.
+
+    None where it does not hold: for a receiver off the axis, or a sea without a spectrum.
+    """
+    # the slope variance of an omega^-5 tail diverges, and with it the index: the sea that has
+    # `short_waves` stands in
     short = getattr(sea, "short_waves", sea)
     return unless_refused(lambda: scintillation_of_spectrum(link, short, heights=True))
 
@@ -279,22 +288,23 @@ def index_of_all(link: Link, sea: SurfaceModel) -> float | None:
 def coverage(state: State, check: Check) -> Iterator[CoverageMap]:
     """Compute the map of the gain in the plane of the receiver; yield a rough, then a fine one."""
     link = state.channel.link
-    # a square as wide as the link is tall
-    levels = [t.center[2] for t in link.transmitters] + [r.center[2] for r in link.receivers]
-    extent = 0.5 * (max(levels) - min(levels))
+    # a square as wide as the height from the lowest end of the link to the highest [m]
+    heights = [t.center[2] for t in link.transmitters] + [r.center[2] for r in link.receivers]
+    half = 0.5 * (max(heights) - min(heights))
     for photons in MAP_PHOTONS:
         check()
         yield coverage_map(
-            state.channel, extent=extent, step=2.0 * extent / MAP_CELLS, times=(state.time,),
+            state.channel, extent=half, step=2.0 * half / MAP_CELLS, times=(state.time,),
             photons=photons, progress=check,
         )  # fmt: skip
 
 
+# trusted: the link has been loaded, with the code that it names, when the explorer started
 _DESIGN = ("-m", "meshtrace", "design", "--trust")
 
 
 async def design_of(scenario: Scenario) -> Design:
-    """Return `mt.design(scenario)` of another process, which ends if this task is cancelled.
+    """Compute `mt.design(scenario)` in another process, which ends if this task is cancelled.
 
     Raises
     ------
@@ -332,7 +342,7 @@ class Ticket(threading.Event):
     """Event that is set when a newer job waits; its job then stops at the next check."""
 
     def check(self, *_: Any) -> None:
-        """Return if the job may go on; takes and ignores the arguments of progress callbacks.
+        """Return if the job may go on; ignore the arguments of progress callbacks.
 
         Raises
         ------
@@ -406,7 +416,7 @@ class Worker:
             self._on_error(error)
 
 
-_REST = 0.15  # between the first gain and further work: the page shows gain and scene [s]
+_REST = 0.15  # pause after the first gain, in which the page draws gain and scene [s]
 
 
 class Answer(NamedTuple):
@@ -505,6 +515,7 @@ class Session(Worker):
         return answer is not None and answer.key == _key(name, self._state)
 
     def _work(self, ticket: Ticket, state: State, with_map: bool) -> None:
+        """Answer a state, stage by stage, in the thread; skip stages that are complete for it."""
         for name, answers in STAGES.items():
             latest, key = self._answers.get(name), _key(name, state)
             if (name == "map" and not with_map) or (
@@ -530,6 +541,7 @@ class Session(Worker):
         self._on_answer("")
 
     def _publish(self, ticket: Ticket, name: str, answer: Answer | None) -> None:
+        """Store an answer of a stage, unless superseded, and report the stage."""
         with self._lock:
             ticket.check()
             if answer is not None:
