@@ -113,7 +113,7 @@ def test_mean_gains_are_those_of_many_resolved_seas():
     means = MeanGains(campaign, 64)
     means.compute([narrow, low])
     whole = link.replace("receiver", tuple(one.only_receiver for one in (link, narrow, low)))
-    resolved = campaign.of(whole)
+    resolved = campaign.for_link(whole)
     found = resolved.gains(resolved.realizations(64))[0, 0].swapaxes(0, 1)
     logs = np.log([[part.mean() for part in without_each(one)] for one in found])
     for row, one in zip(logs[1:], (narrow, low), strict=True):

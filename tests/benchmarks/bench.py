@@ -70,7 +70,7 @@ class RayRecorder(EmbreeIntersector):
         super().__init__(mesh, threads)
         self.rays: Rays = []
 
-    def over(self, mesh: TriangleMesh) -> RayRecorder:
+    def for_mesh(self, mesh: TriangleMesh) -> RayRecorder:
         """Return a recorder over the mesh in the units of the tracer, with the same record."""
         found = RayRecorder(mesh, self.threads)
         found.rays = self.rays

@@ -10,7 +10,8 @@ import pytest
 from bench import best_of
 
 import meshtrace as mt
-from meshtrace.engine.setup import meshing, options
+from meshtrace import options
+from meshtrace.engine.setup import meshing
 from meshtrace.engine.setup.options import Run
 from meshtrace.surfaces import WaveComponents, resolved_sea, triangulate
 from meshtrace.surfaces.waves import WaveGrid, elevation_and_slopes

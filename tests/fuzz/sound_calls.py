@@ -235,7 +235,7 @@ OTHER = {
     "fading.fading_statistics": {"time": TIMES, "resamples": 99},
     "fading.level_crossing_rate": {"time": TIMES}, "fading.mean_fade_duration": {"time": TIMES},
     "fading.band_fading": {"surface": SEA}, "fading.fading_band": {"surface": RESOLVED},
-    "Daylight.spectrum": {"wavelength_nm": [470.0, 500.0]}, "EmbreeIntersector.over": {"mesh": mesh},
+    "Daylight.spectrum": {"wavelength_nm": [470.0, 500.0]}, "EmbreeIntersector.for_mesh": {"mesh": mesh},
     "GainResult.arrays": {"data": lambda: result().to_dataset()},
     "fading.FadingStatistics.arrays": {"data": lambda: series().fading().to_dataset()},
     "merge": {"results": lambda: [mt.simulate(LINK, FLAT, "analog", photons=64, threads=1)]},

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import meshtrace as mt
-from meshtrace.engine.setup import options
+from meshtrace import options
 from meshtrace.errors import Refused
 from meshtrace.link import Aperture, Physics, Source
 from meshtrace.optics import HallNovarini, PhaseFunction, Water

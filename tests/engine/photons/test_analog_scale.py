@@ -56,7 +56,7 @@ class Counted(mt.BruteForceIntersector):
         super().__init__(mesh)
         self.calls = [] if calls is None else calls
 
-    def over(self, mesh):
+    def for_mesh(self, mesh):
         return Counted(mesh, self.calls)
 
     def facets(self, origins, directions):
