@@ -38,7 +38,9 @@ Scattered = Literal["auto", "chains", "joined"]
 _STILL_CHAINS = 8  # unscattered, of each shift, over still water
 _PILOT_SEED = 2**63  # flips a bit of the seed: photons of pilots are none of a run
 _MOST_CHAINS = 2**22  # some 10 s of a thread for each receiver
-_FEWEST = 4 * SHIFTS  # chains of a run to a relative error, whose 32 groups must not be single ones
+# chains of a run to a relative error: the error is the scatter of `SHIFTS` groups, and groups of a
+# single chain would have no Sobol points to gain from
+_FEWEST = 4 * SHIFTS
 
 
 class TypicalSea(NamedTuple):
@@ -58,7 +60,7 @@ class TypicalSea(NamedTuple):
 
     @classmethod
     def of_meshes(cls, meshes: Iterable[TriangleMesh], margin: float = 1.0) -> TypicalSea:
-        """Return the typical sea of some surfaces, its crest by a margin above the highest."""
+        """Return the typical sea of meshes, with a crest of `margin` times the highest of them."""
         # random slopes are those of the spectrum, alike for all surfaces of a sea
         crests, slopes = zip(*((float(m.bounds[1, 2]), m.unresolved) for m in meshes), strict=True)
         return cls(margin * max(crests), slopes[0])
@@ -96,15 +98,19 @@ class Plan:
     Attributes
     ----------
     photons : int
-        Chains that were asked for.
+        Number of samples asked for, that of the chains where these serve.
     method : list of {"chains", "joined", "analog"}
         Estimator of the scattered light of each receiver.
     chains : list of Request
         Chains by source and order.
     joined : JoinedPhotons or None
-        Joined photons, to the receivers `joined_to`.
+        Joined photons.
+    joined_to : list of int
+        Receivers that they serve.
     arriving : int
-        Analog photons, which serve the receivers `arriving_at`.
+        Number of analog photons.
+    arriving_at : list of int
+        Receivers that they serve.
     reflects : bool
         Whether photons bring light that the surface reflects first.
     """
@@ -138,7 +144,9 @@ class Planner:
         self.drawer = ChainDrawer(
             self.arrays, *levels(self.arrays, self.sea.crest), self.shared.ratios
         )
-        # of receivers close to each other one has pilots, which stand for a number of receivers
+        # Of receivers close to each other the first has pilots, for all of them: `_first` names it
+        # for each receiver, `_piloted` lists the receivers with pilots, `_number` counts for how
+        # many receivers each stands, and `_targets` are their apertures.
         self._first = self.arrays.stands_for_receivers
         self._piloted, self._number = np.unique(self._first, return_counts=True)
         self._targets: list[int] = np.unique(self.arrays.stands_for).tolist()
@@ -178,8 +186,8 @@ class Planner:
     def photons_for(self, rtol: float, most: int, comparison: Comparison) -> int:
         """Return a number of chains that pilots expect to reach a relative error, up to `most`.
 
-        Pilots have random numbers of their own: their choice of the number biases nothing. Few
-        Sobol points gain little over the independent ones of which these are.
+        Pilots have random numbers of their own, so that the number that they choose biases nothing.
+        Their variance is that of independent points, about that of few Sobol points.
         """
         pilot, gain = comparison.pilot, comparison.still_gain
         if pilot is None or gain is None:
