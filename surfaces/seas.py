@@ -45,8 +45,12 @@ from .statistics import (
 from .surface import FlatSea, Surface, WaveSurface
 from .waves import WaveComponents, flat_components, wavenumber, wavenumber_in_current
 
-_ORDER_OMEGA_MAX = 3.0  # highest frequency of waves that make bound waves, over the peak's
-_FINEST = math.radians(5.0)  # width of a cell of drawn waves
+# Highest frequency of the waves that make bound waves, over that of the peak. Tuned: a higher one
+# adds bound waves of short waves, whose sum diverges, and their number grows with its square.
+_PAIRED_OVER_PEAK = 3.0
+# Largest width of a cell of drawn waves [rad]. Tuned: narrower cells make more crossing waves, so
+# that the sea repeats less, and cost more of them.
+_WIDEST_CELL = math.radians(5.0)
 
 
 class RandomSea(WaveSurface, frozen=True):
@@ -81,11 +85,12 @@ class RandomSea(WaveSurface, frozen=True):
     order: Literal[1, 2] = 1
     order_omega_max: Positive | None = None
 
-    _common: dict[str, Any] = PrivateAttr(default_factory=dict)
-    """Results that do not depend on the seed."""
-    _left_out: dict[float, UnresolvedSlopes] = PrivateAttr(default_factory=dict)
-    """Slopes that meshes leave out, by their spacing."""
+    _seedless: dict[str, Any] = PrivateAttr(default_factory=dict)
+    """Results that all seeds share: "waves" are the free waves with phases of zero."""
+    _unresolved: dict[float, UnresolvedSlopes] = PrivateAttr(default_factory=dict)
+    """Results of `unresolved_slopes`, by the spacing of the mesh [m]."""
 
+    # bounds memory and time; a sea with more free, or more bound, waves is refused
     most_components: ClassVar[int] = 1_000_000
 
     @property
@@ -102,7 +107,7 @@ class RandomSea(WaveSurface, frozen=True):
         free = self.free_waves
         if self.order == 1:
             return free
-        limit = self.order_omega_max or _ORDER_OMEGA_MAX * self._peak_frequency()
+        limit = self.order_omega_max or _PAIRED_OVER_PEAK * self._peak_frequency()
         return with_bound_waves(free, limit, self.most_components)
 
     def _peak_frequency(self) -> float:
@@ -123,7 +128,7 @@ class RandomSea(WaveSurface, frozen=True):
         return self
 
     def with_seed(self, seed: int) -> Self:
-        """Return another realization of the same sea with the same plans of its grids.
+        """Return another realization of the same sea, which shares the plans of its grids.
 
         Parameters
         ----------
@@ -133,8 +138,8 @@ class RandomSea(WaveSurface, frozen=True):
         Returns
         -------
         RandomSea
-            The same parameters with the new seed. Its meshes on a grid that this sea has used
-            cost a transform only.
+            The same parameters with the new seed. On a grid that this sea has used, a mesh of the
+            new one costs no more than a transform.
 
         Examples
         --------
@@ -144,24 +149,25 @@ class RandomSea(WaveSurface, frozen=True):
         True
         """
         other = self.model_copy(update={"seed": seed})
-        # the plans of the sums and all waves but their phases are shared
+        # a copy starts empty: share the plans of the sums, and all of the waves but their phases
         other._grids = self._grids  # type: ignore[misc]  # private: not frozen
-        other._common = self._common  # type: ignore[misc]
+        other._seedless = self._seedless  # type: ignore[misc]
         return other
 
     @property
     def _wind(self) -> tuple[float, float | None]:
-        """Wind speed [m s-1] and fetch [m] of the slopes of the real sea."""
+        """Wind speed [m s-1] and fetch [m] that set the slopes of the real sea."""
+        # never read in such a sea: mss = "band" needs no wind
         return 5.0, None
 
     @property
     def slope_variance(self) -> Variances | None:
-        """Slope variances of the real sea along and across the wind by `mss`, None if not known."""
+        """Slope variances of the real sea along and across the wind, None for `mss` = "band"."""
         return real_slope_variance(getattr(self, "mss", "band"), *self._wind)
 
     @property
     def _slopes_along_deg(self) -> float:
-        """Direction of the first of the slope variances."""
+        """Direction of the slopes along the wind, counter-clockwise from +x [deg]."""
         return getattr(self, "wind_direction_deg", 0.0)
 
     @property
@@ -171,24 +177,26 @@ class RandomSea(WaveSurface, frozen=True):
         return real_cumulants(law, self._wind[0], self.slope_variance)
 
     def unresolved_slopes(self, spacing: float) -> UnresolvedSlopes | None:
-        """Return the slopes that a mesh of this spacing [m] leaves out of `mss`.
+        """Return the slopes of the real sea that a mesh of this spacing [m] leaves out.
 
-        The slopes of a choppy mesh are taken as those of its labels, off by O(mss).
+        The slopes of a choppy mesh are taken as those over its labels (the points at rest, see
+        `nonlinear`): this neglects terms of relative order `mss`.
         """
         real = self.slope_variance
-        # sums over all waves: kept, since every mesh of a series asks for the same spacing
-        if real is not None and spacing not in self._left_out:
+        # sums over all waves are stored: every mesh of a series asks for the same spacing
+        if real is not None and spacing not in self._unresolved:
             wind = self._slopes_along_deg
             vertex, facet = (
                 unresolved_slope_variance(real, resolved)
                 for resolved in meshed_slope_variance(self.components, spacing, wind)
             )
             slopes = UnresolvedSlopes(vertex, facet, wind, self.slope_cumulants)
-            self._left_out[spacing] = slopes
-        return self._left_out.get(spacing)
+            self._unresolved[spacing] = slopes
+        return self._unresolved.get(spacing)
 
 
-_KEPT = "wind_direction_deg", "current", "seed", "choppy", "order", "order_omega_max", "slope_law"
+# Fields that `short_waves` takes over from the sea that it replaces.
+_TAKEN = "wind_direction_deg", "current", "seed", "choppy", "order", "order_omega_max", "slope_law"
 
 
 class _BandedSea(RandomSea, frozen=True):
@@ -200,8 +208,14 @@ class _BandedSea(RandomSea, frozen=True):
         Highest frequency of the waves of the sum [rad s-1].
     waves : str or Band, optional
         Waves of the sum.
+    spreading : Spreading
+        Distribution of the energy over directions from the wind.
     wind_direction_deg : float
         Direction the wind blows to, counter-clockwise from +x [deg].
+    depth : float, optional
+        Water depth in the dispersion [m]; None is deep water.
+    capillary : bool
+        Surface tension in the dispersion.
     current : (float, float), optional
         Uniform current (U_x, U_y) [m s-1] that carries the waves.
     mss : {"cox-munk", "elfouhaily", "band"}
@@ -211,15 +225,16 @@ class _BandedSea(RandomSea, frozen=True):
     """
 
     omega_max: Positive | None = None
-    waves: OwnWaves = None
+    waves: OwnWaves = None  # the band "mean" of `named_band`
     spreading: InheritedFamilyField[Spreading] = converted(default=IttcSpreading())
     wind_direction_deg: Finite = 0.0
     depth: Depth | None = None
     capillary: bool = False
     current: Current | None = None
-    mss: Mss = "cox-munk"
+    mss: Mss = "cox-munk"  # "band": no waves beyond those of the sum
     slope_law: SlopeLaw = "gaussian"
 
+    # for type checkers only: `spectrum` is a property of some subclasses and a field of others
     if TYPE_CHECKING:
 
         @property
@@ -249,17 +264,18 @@ class _BandedSea(RandomSea, frozen=True):
     @cached_property
     def free_waves(self) -> WaveComponents:
         """The waves of first order, direction by direction at each frequency."""
-        # all but the phases is common to the seeds of a sea
-        if "waves" not in self._common:
+        # the seeds of a sea differ in the phases only
+        if "waves" not in self._seedless:
             components = self.band.waves(self.spectrum, self.spreading)
             k = wavenumber(components.omega, self._water_depth(), self.capillary)
             heading = components.theta + math.radians(self.wind_direction_deg)
             # a wave a cos(phi) has the variance a^2 / 2
-            amplitude, still = np.sqrt(2.0 * components.variance), np.zeros_like(heading)
-            self._common["waves"] = flat_components(
-                amplitude, components.omega, k, heading, still, self.current
+            amplitude, no_phase = np.sqrt(2.0 * components.variance), np.zeros_like(heading)
+            self._seedless["waves"] = flat_components(
+                amplitude, components.omega, k, heading, no_phase, self.current
             )
-        waves: WaveComponents = self._common["waves"]
+        waves: WaveComponents = self._seedless["waves"]
+        # flat, with directions fastest: the numbers of random((n_omega, n_theta))
         phase = np.random.default_rng(self.seed).random(len(waves.omega))
         return waves._replace(phase=2.0 * math.pi * phase)
 
@@ -283,32 +299,33 @@ class _BandedSea(RandomSea, frozen=True):
         """
         if not isinstance(self.spectrum, Jonswap | PiersonMoskowitz):
             return self
-        fields = {name: getattr(self, name) for name in _KEPT} | {"depth": self._water_depth()}
+        fields = {name: getattr(self, name) for name in _TAKEN} | {"depth": self._water_depth()}
         return resolved_sea(*self._wind).model_copy(update=fields)
 
     @property
     def for_fading(self) -> _BandedSea | None:
-        """The sea whose short waves make light fade; None if its waves are chosen already.
+        """The sea whose short waves make light fade; None if this sea is to stay as it is.
 
-        They are chosen by `omega_max`, by `waves`, or by a sea without waves beyond them (`mss`).
-        A spectrum with an omega^-5 tail gives way to `short_waves` if it is that of a wind and a
-        fetch; with a height, a peak or a spreading of its own it stays. Elfouhaily's takes its own
-        slopes and, for the default spreading, its own directions.
+        It stays if its waves are chosen, by `omega_max`, by `waves`, or by `mss` = "band" (no waves
+        beyond them). A spectrum with an omega^-5 tail gives way to `short_waves` if wind and fetch
+        alone set it; with a height, a peak, a finite depth (`Tma`) or a spreading that was chosen,
+        it stays. That of Elfouhaily takes the slopes of its law and, in place of the default
+        spreading, the directions of its law. Any other spectrum is returned unchanged.
         """
         if (self.omega_max, self.waves) != (None, None) or self.mss == "band":
             return None
         # the default spreading was not chosen, so that it may give way
         standard = self.spreading == IttcSpreading()
         if isinstance(self.spectrum, Elfouhaily):
-            # no band follows the slopes of another law
+            # waves of a band have slopes of their spectrum: its law alone tells what they leave out
             spreading = ElfouhailySpreading() if standard else self.spreading
             return self.model_copy(update={"spreading": spreading, "mss": "elfouhaily"})
         if not isinstance(self.spectrum, Jonswap | PiersonMoskowitz):
             return self
-        of_wind = self.spectrum.model_dump(include={"wind_speed", "fetch"})
-        law = type(self.spectrum)
+        wind_and_fetch = self.spectrum.model_dump(include={"wind_speed", "fetch"})
+        model = type(self.spectrum)
         # heights, peaks, depths and spreadings that were chosen say more than the wind does
-        if law is Tma or not standard or self.spectrum != law.model_validate(of_wind):
+        if model is Tma or not standard or self.spectrum != model.model_validate(wind_and_fetch):
             return None
         return self.short_waves
 
@@ -550,8 +567,9 @@ class MeasuredSea(RandomSea, frozen=True):
         if self.waves == "drawn":
             if len(self.omega) < 2 or (np.diff(self.omega) <= 0.0).any():
                 raise Refused("waves", "drawn", "with two or more increasing frequencies only")
-            turn = np.diff(np.sort(np.mod(self.theta, 2.0 * math.pi)))
-            if len(self.theta) < 3 or not np.allclose(turn, 2.0 * math.pi / len(self.theta)):
+            # n - 1 steps of 2 pi / n leave the same step from the last direction to the first
+            steps = np.diff(np.sort(np.mod(self.theta, 2.0 * math.pi)))
+            if len(self.theta) < 3 or not np.allclose(steps, 2.0 * math.pi / len(self.theta)):
                 allowed = "only with three or more directions in equal steps round the circle"
                 raise Refused("waves", "drawn", allowed)
         if self.current is not None:
@@ -560,6 +578,7 @@ class MeasuredSea(RandomSea, frozen=True):
 
     @property
     def _wind(self) -> tuple[float, float | None]:
+        # without a wind speed mss is "band" (`_check_table`), and nothing reads the default
         return self.wind_speed or 5.0, None
 
     @cached_property
@@ -577,31 +596,55 @@ class MeasuredSea(RandomSea, frozen=True):
 
 
 def _cells(theta: Floats, variance: Floats) -> tuple[Floats, float, Floats]:
-    """Return the lowest directions of fine cells, their width, and their variances."""
+    """Split the bins of a table over direction into cells of at most `_WIDEST_CELL`.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (n,)
+        Directions in equal steps round the circle, in any order [rad].
+    variance : ndarray, shape (m, n)
+        Elevation variance of each bin over frequency and direction [m2].
+
+    Returns
+    -------
+    low : ndarray, shape (n parts,)
+        Lowest direction of each cell [rad].
+    width : float
+        Width of a cell [rad].
+    fine : ndarray, shape (m, n parts)
+        Elevation variance of each cell [m2].
+    """
     width = 2.0 * math.pi / len(theta)
     order = np.argsort(np.mod(theta, 2.0 * math.pi))
     theta, variance = np.mod(theta, 2.0 * math.pi)[order], variance[:, order]
-    parts = math.ceil(width / _FINEST - 1e-9)
+    # the tolerance leaves a width of 5 degrees in one part whatever the last bit of the quotient
+    parts = math.ceil(width / _WIDEST_CELL - 1e-9)
+    # middles of the parts, from the middle of the bin, over its width: -1/2 to 1/2
     offset = (np.arange(parts) + 0.5) / parts - 0.5
-    # linear towards the neighbour on either side
+    # linear between the middles of a bin and of its neighbour: before it [0], or after it [1]
     neighbours = np.stack([np.roll(variance, 1, axis=1), np.roll(variance, -1, axis=1)])
     towards = neighbours[(offset > 0.0).astype(int)]  # (parts, m, n)
     share = np.abs(offset)[:, None, None]
     fine = np.moveaxis((1.0 - share) * variance + share * towards, 0, -1)
     total = fine.sum(axis=-1, keepdims=True)
+    # the slope to both sides changes the sum of the parts: scale it back to that of the bin
     fine *= np.divide(variance[..., None], total, out=np.zeros_like(total), where=total > 0)
     low = theta[:, None] + width * (offset - 0.5 / parts)
     return low.ravel(), width / parts, fine.reshape(len(variance), -1)
 
 
 def bin_edges(omega: Floats) -> Floats:
-    """Return the edges of frequency bins: midpoints, and the same distance beyond the ends."""
+    """Return the edges [rad s-1] of n bins: midpoints, and as far beyond the first and last.
+
+    Shape (n + 1,). The first bin does not go below half of its frequency, so that it stays > 0.
+    """
     middle = 0.5 * (omega[1:] + omega[:-1])
     first = max(1.5 * omega[0] - 0.5 * omega[1], 0.5 * omega[0])
     return np.concatenate([[first], middle, [1.5 * omega[-1] - 0.5 * omega[-2]]])
 
 
 def _part(value: Any) -> RandomSea:
+    """Validate a part of a `SumSea`, which is itself linear."""
     sea = Surface.read(value)
     if not isinstance(sea, RandomSea):
         raise Refused("parts", getattr(sea, "kind", value), "random seas only")
@@ -670,6 +713,7 @@ class SumSea(RandomSea, frozen=True):
         return self.windiest._slopes_along_deg
 
     def _water_depth(self) -> float | None:
+        # the shallowest: any finite depth rules out order 2, and a choppy sheet takes one for all
         depths = [part._water_depth() for part in self.parts]
         return min((depth for depth in depths if depth is not None), default=None)
 

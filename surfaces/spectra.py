@@ -50,10 +50,12 @@ from .waves import (
 ALPHA_COEFFICIENT = 0.075
 """Fetch law alpha = 0.075 X^-0.22 of the paper; Hasselmann et al. (1973) print 0.076."""
 
-# Below this fraction of the peak every spectrum here underflows to exactly zero, so frequencies
-# are raised to it: S(0) = 0 then needs no special case.
+# Fraction of the peak frequency. At it exp(-5/4 (omega_p / omega)^4) is zero (exp(-1.25e8)),
+# and lower frequencies are replaced by it: S(0) = 0 then needs no special case.
 _LOWEST = 0.01
-_LEAST_WIND = 0.01  # [m/s]: waves of its peak are 0.01 mm long, shorter than any that sea water has
+# Least wind speed of Elfouhaily's spectrum [m s-1]: without fetch limit the waves at its peak,
+# k_p = g (0.84 / U)^2, are 0.1 mm long, shorter than any that sea water has.
+_LEAST_WIND = 0.01
 
 
 class Spectrum(Family, ABC, frozen=True):
@@ -88,7 +90,7 @@ class Spectrum(Family, ABC, frozen=True):
         """
 
     def _raised(self, omega: ArrayLike) -> Floats:
-        """Return the frequencies, raised to the underflow of the spectrum at least."""
+        """Return checked frequencies [rad s-1], none below `_LOWEST` of the peak, where S is 0."""
         return np.maximum(finite_array("omega", omega, 0.0), _LOWEST * self.omega_p)
 
 
@@ -168,7 +170,7 @@ class Jonswap(Spectrum, frozen=True):
         if self.hs is None:
             X = _dimensionless_fetch(self.wind_speed, self.fetch)
             return self.alpha_coefficient * X**-0.22
-        # deep-water variance for alpha = 1, with x = omega / omega_p
+        # int S d(omega) = alpha g^2 omega_p^-4 total in deep water, with x = omega / omega_p
         total = _peak_integral(5.0, self.gamma, self.sigma_a, self.sigma_b)
         return self.hs**2 * self.omega_p**4 / (16.0 * GRAVITY**2 * total)
 
@@ -221,7 +223,9 @@ class PiersonMoskowitz(Spectrum, frozen=True):
     Notes
     -----
     The wind at 19.5 m, where the spectrum was fitted, is taken as 1.026 times the wind at 10 m
-    (neutral air, drag coefficient 1.3e-3). Then Hs = 0.2092 U_19.5^2 / g.
+    (Stewart 2008, Introduction to Physical Oceanography, eq. 16.29, which names neutral air and a
+    drag coefficient of 1.3e-3; the logarithmic profile of these would give 1.06). Then
+    Hs = 0.2092 U_19.5^2 / g.
 
     References
     ----------
@@ -273,7 +277,7 @@ class Elfouhaily(Spectrum, frozen=True):
     fetch: Fetch | None = None
 
     @model_validator(mode="after")
-    def _has_waves(self) -> Self:
+    def _check_wind(self) -> Self:
         if self.wind_speed < _LEAST_WIND:
             raise Refused("wind_speed", self.wind_speed, f">= {_LEAST_WIND:g} m/s, which has waves")
         return self
@@ -292,10 +296,11 @@ class Elfouhaily(Spectrum, frozen=True):
         if self.fetch is None:
             return 0.84
         X = _dimensionless_fetch(self.wind_speed, self.fetch)
-        age = 0.84 * math.tanh((X / 2.2e4) ** 0.4) ** -0.75
-        if age > 5.0:
-            raise Refused("fetch", self.fetch, f"a fetch with inverse wave age <= 5, not {age:g}")
-        return age
+        inverse_age = 0.84 * math.tanh((X / 2.2e4) ** 0.4) ** -0.75
+        if inverse_age > 5.0:
+            allowed = f"a fetch with inverse wave age <= 5, not {inverse_age:g}"
+            raise Refused("fetch", self.fetch, allowed)
+        return inverse_age
 
     @property
     def k_p(self) -> float:
@@ -319,7 +324,9 @@ class Elfouhaily(Spectrum, frozen=True):
         B_l = 0.003 sqrt(Omega) (c_p / c) L J exp(-(Omega / sqrt(10)) (sqrt(k / k_p) - 1)),
         B_h = (alpha_m / 2) (c_m / c) L J exp(-(k / k_m - 1)^2 / 4)
 
-        with L = exp(-5/4 (k_p / k)^2), J = gamma^exp(-(sqrt(k / k_p) - 1)^2 / (2 sigma^2)).
+        with L = exp(-5/4 (k_p / k)^2), J = gamma^exp(-(sqrt(k / k_p) - 1)^2 / (2 sigma^2)),
+        sigma = 0.08 (1 + 4 Omega^-3), gamma = 1.7 + 6 max(0, log10(Omega)), and Omega of
+        `inverse_wave_age`; c is the phase speed, with c_p at k_p and c_m at k_m, the slowest.
 
         Parameters
         ----------
@@ -338,18 +345,19 @@ class Elfouhaily(Spectrum, frozen=True):
         alpha_m = 0.01 (1 + ln(u*/c_m)), or 0.01 (1 + 3 ln(u*/c_m)) above c_m, turns negative
         below 2.7 m/s; it is held at zero there.
         """
-        age, k_p = self.inverse_wave_age, self.k_p
-        # The spectrum goes with (omega / omega_p)^2 here, hence the square.
+        inverse_age, k_p = self.inverse_wave_age, self.k_p
+        # k / k_p = (omega / omega_p)^2 of long waves, hence the square
         k = np.maximum(finite_array("k", k, 0.0), _LOWEST**2 * k_p)
         c = phase_speed(k, capillary=True)
         c_p, c_m = phase_speed([k_p, CAPILLARY_WAVENUMBER], capillary=True)
-        sigma = 0.08 * (1.0 + 4.0 / age**3)
-        gamma = 1.7 + 6.0 * math.log10(max(age, 1.0))
+        sigma = 0.08 * (1.0 + 4.0 / inverse_age**3)
+        gamma = 1.7 + 6.0 * math.log10(max(inverse_age, 1.0))
         root = np.sqrt(k / k_p) - 1.0
         peak = np.exp(-1.25 * (k_p / k) ** 2) * gamma ** np.exp(-(root**2) / (2.0 * sigma**2))
-        u_star = _friction_velocity(self.wind_speed) / c_m
-        alpha_m = max(0.0, 0.01 * (1.0 + (1.0 if u_star <= 1.0 else 3.0) * math.log(u_star)))
-        B_l = 0.003 * math.sqrt(age) * (c_p / c) * np.exp(-age / math.sqrt(10.0) * root)
+        friction = _friction_velocity(self.wind_speed) / c_m  # u* / c_m
+        alpha_m = max(0.0, 0.01 * (1.0 + (1.0 if friction <= 1.0 else 3.0) * math.log(friction)))
+        decay = np.exp(-inverse_age / math.sqrt(10.0) * root)
+        B_l = 0.003 * math.sqrt(inverse_age) * (c_p / c) * decay
         B_h = 0.5 * alpha_m * (c_m / c) * np.exp(-0.25 * (k / CAPILLARY_WAVENUMBER - 1.0) ** 2)
         return peak * (B_l + B_h) / k**3
 
@@ -371,14 +379,14 @@ def peak_enhancement(
 def _peak_shape(
     x: Floats, tail: float, gamma: float, sigma_a: float = 0.07, sigma_b: float = 0.09
 ) -> Floats:
-    """Return x^-n exp(-n / 4 x^-4) times the enhancement, of the tail n; x = omega / omega_p."""
+    """Return x^-n exp(-n / 4 x^-4) times the enhancement, n = `tail`, at x = omega / omega_p."""
     enhanced = peak_enhancement(x, gamma, sigma_a, sigma_b)
     return x**-tail * np.exp(-0.25 * tail * x**-4.0) * enhanced
 
 
 @lru_cache
 def _peak_integral(tail: float, *enhancement: float) -> float:
-    """Return the integral of `_peak_shape`, which has a kink at 1 and underflows below 0.1."""
+    """Return the integral of `_peak_shape` over x, split at its kink x = 1; it is 0 below 0.1."""
     from scipy.integrate import quad
 
     return sum(
@@ -422,7 +430,8 @@ def kitaigorodskii(omega: ArrayLike, depth: float) -> Floats:
     array([0.0051, 0.4913, 1.    ])
     """
     kd = wavenumber(omega, depth) * DEPTH.check(depth)
-    # 2 x / sinh(2 x) is 1 at x = 0 and has underflowed long before x = 300.
+    # x = kd: avoid 0 / 0 at 0, where 2 x / sinh(2 x) is 1, and the overflow of sinh(2 x) beyond
+    # x = 355; from x = 22 on the quotient is lost in the rounding of 1
     kd = np.clip(kd, 1e-12, 300.0)
     return np.tanh(kd) ** 2 / (1.0 + 2.0 * kd / np.sinh(2.0 * kd))
 
@@ -460,24 +469,27 @@ def elfouhaily_delta(k: ArrayLike, wind_speed: float, omega_p: float) -> Floats:
     k_p = wavenumber(omega_p, capillary=True)
     c = phase_speed(k, capillary=True)
     c_p, c_m = phase_speed([float(k_p), CAPILLARY_WAVENUMBER], capillary=True)
-    a_m = 0.13 * _friction_velocity(wind_speed) / c_m
+    a_m = 0.13 * _friction_velocity(wind_speed) / c_m  # factor of the short waves
     return np.tanh(math.log(2.0) / 4.0 + 4.0 * (c / c_p) ** 2.5 + a_m * (c_m / c) ** 2.5)
 
 
 def _dimensionless_fetch(wind_speed: float, fetch: float) -> float:
+    """Return X = g F / U^2."""
     return GRAVITY * fetch / wind_speed**2
 
 
 def _phillips_tail(omega: Floats, omega_p: float, alpha: float) -> Floats:
+    """Return alpha g^2 omega^-5 exp(-5/4 (omega_p / omega)^4) [m2 s rad-1]."""
     return alpha * GRAVITY**2 * omega**-5.0 * np.exp(-1.25 * (omega_p / omega) ** 4)
 
 
 def _friction_velocity(wind_speed: float) -> float:
+    """Return u* = U sqrt(1e-3 (0.8 + 0.065 U)) [m s-1] (Wu 1982)."""
     return wind_speed * math.sqrt(1e-3 * (0.8 + 0.065 * WIND_SPEED.check(wind_speed)))
 
 
 LONGEST_SWELL = 25.0
-"""Period T_u beyond which the shares of a swell change no more [s]."""
+"""Period T_u of `Torsethaugen` [s]: for swell of longer periods hs_1 / hs stays at its limit."""
 
 
 class OchiHubble(Spectrum, frozen=True):
@@ -520,8 +532,8 @@ class OchiHubble(Spectrum, frozen=True):
 
     @property
     def omega_p(self) -> float:
-        """Frequency of the higher peak [rad s-1]."""
-        # both parts overlap: the higher peak is that of the sum
+        """Frequency 2 pi / tp of the part at whose peak the whole spectrum is higher [rad s-1]."""
+        # of the sum, since the parts overlap
         peaks = 2.0 * math.pi / np.array(self.tp)
         return float(peaks[np.argmax(sum(self._parts(peaks)))])
 
@@ -531,18 +543,21 @@ class OchiHubble(Spectrum, frozen=True):
         return first + second
 
     def _parts(self, omega: Floats) -> list[Floats]:
+        """Return the two terms of S(omega) [m2 s rad-1]."""
         from scipy.special import gammaln
 
         parts = []
         for hs, tp, lam in zip(self.hs, self.tp, self.lam, strict=True):
             ratio = (4.0 * lam + 1.0) / 4.0 * (2.0 * math.pi / (tp * omega)) ** 4
             # in logarithms, since powers of low frequencies overflow
-            log = lam * np.log(ratio) - gammaln(lam) - ratio
-            parts.append(0.25 * hs**2 * np.exp(log) / omega)
+            exponent = lam * np.log(ratio) - gammaln(lam) - ratio
+            parts.append(0.25 * hs**2 * np.exp(exponent) / omega)
         return parts
 
 
 class _Peak(NamedTuple):
+    """Significant wave height [m], period [s] and enhancement of a peak."""
+
     hs: float
     tp: float
     gamma: float
@@ -596,13 +611,14 @@ class Torsethaugen(Spectrum, frozen=True):
 
     @model_validator(mode="after")
     def _check_height(self) -> Self:
+        # T_f = 6.6 hs^(1/3) has to stay below T_u = 25 s (hs < 54 m), for e of the swell
         if not self.hs < 50.0:
             raise Refused("hs", self.hs, "0 < hs < 50 m")
         return self
 
     @property
     def omega_p(self) -> float:
-        """Frequency of the higher peak [rad s-1]."""
+        """Frequency of the highest peak, 2 pi / tp [rad s-1]."""
         return 2.0 * math.pi / self.tp
 
     def __call__(self, omega: ArrayLike) -> Floats:
@@ -619,8 +635,9 @@ class Torsethaugen(Spectrum, frozen=True):
 
     @cached_property
     def peaks(self) -> tuple[_Peak, _Peak]:
-        """Height [m], period [s] and enhancement of the higher peak and of the other one."""
+        """Height [m], period [s] and enhancement of the peak at `tp` and of the other one."""
         hs, tp = self.hs, self.tp
+        # T_f, e and r of the notes are `separation`, `e` and `share`, the latter of the height
         separation = 6.6 * hs ** (1.0 / 3.0)
         if tp <= separation:
             e = (separation - tp) / (separation - 2.0 * math.sqrt(hs))
@@ -634,12 +651,15 @@ class Torsethaugen(Spectrum, frozen=True):
             gamma = 35.0 * (2.0 * math.pi * hs / (GRAVITY * separation**2)) ** 0.857
             gamma *= 1.0 + 6.0 * e
             second = 6.6 * (math.sqrt(1.0 - share**2) * hs) ** (1.0 / 3.0)
+        # heights add in squares
         rest = math.sqrt(max(0.0, 1.0 - share**2)) * hs
         # a vanished part keeps a period, so that its density is zero and not undefined
         return _Peak(share * hs, tp, max(1.0, gamma)), _Peak(rest, max(second, 1e-3), 1.0)
 
 
+# Names of headings that stand for a frequency [Hz] rather than an angular one.
 _IN_HZ = ("f", "freq", "frequency", "frequencies", "fr", "f_p")
+# "relative" leaves the density in its unit: what to convert depends on the other column.
 _COLUMNS = (
     Column(
         "omega",
@@ -658,7 +678,11 @@ _COLUMNS = (
 
 
 def _unit_of_density(path: str, frequency: Heading | None, density: Heading | None) -> str:
-    """Return the unit of densities over the frequency of a heading; refuse contradictions."""
+    """Return the unit of densities by the headings of both columns; refuse contradictions.
+
+    The unit of the frequency decides, or else its name. If name, unit and the argument of a
+    density as in "S(f)" disagree, the density has to state a unit with Hz or rad.
+    """
     if frequency is None:
         return "m2 s rad-1"
     by_name, by_unit = frequency.name in _IN_HZ, cycles(frequency.unit)
@@ -751,5 +775,5 @@ class TabulatedSpectrum(Spectrum, frozen=True):
 
     def __call__(self, omega: ArrayLike) -> Floats:
         """Return S(omega) [m2 s rad-1] at angular frequencies >= 0 [rad s-1]."""
-        at = finite_array("omega", omega, 0.0)
-        return np.interp(at, self.omega, self.density, left=0.0, right=0.0)
+        frequencies = finite_array("omega", omega, 0.0)
+        return np.interp(frequencies, self.omega, self.density, left=0.0, right=0.0)
