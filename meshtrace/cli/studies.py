@@ -61,7 +61,7 @@ def coverage(
     times: Annotated[Any, numbers("Times [s] to average; default: that of the link file")] = None,
     photons: Annotated[int, count("Photons for each time; with --rtol a first guess.")] = 4_000_000,
     rtol: Annotated[float | None, value("R", "Relative standard error to reach in every cell by "
-        "more samples; unscattered light is exact where its image is known.")] = None,
+        "more samples; unscattered light has no noise where its image is known.")] = None,
 ) -> None:  # fmt: skip
     """Map the gain over the plane of the receiver."""
     study = partial(mt.coverage_map, photons=photons, rtol=rtol, extent=extent, step=step,

@@ -58,8 +58,7 @@ def view(
     spacing: Annotated[float | None, value("M", "Mesh spacing of the sea shown [m].")] = None,
 ) -> None:  # fmt: skip
     """Show a link, a result or a mesh: in a window, or as a picture, page, movie or VTK files."""
-    # a view without a movie does not check it
-    # without a movie nobody else checks it
+    # a view without a movie would not check it
     if frame_rate is not None:
         require_between(frame_rate, 0.0, math.inf, "--frame-rate", allowed="numbers > 0")
     with extra("viz", "viz"):

@@ -108,8 +108,8 @@ def coverage_map(
     photons : int
         Photons for each time; with `rtol` the first guess, of which 2^20 count.
     rtol : float, optional
-        Relative standard error > 0 to reach in every cell by more samples; unscattered light is
-        exact where its image is known. Cells darker than a hundredth of the highest gain reach
+        Relative standard error > 0 to reach in every cell by more samples; unscattered light has
+        no noise where its image is known. Cells darker than a hundredth of the highest gain reach
         `rtol` of that.
     wavelengths_nm : array_like, optional
         Wavelengths [nm], in place of that of the sources: a map for each, of common photons (see

@@ -12,7 +12,7 @@ import meshtrace as mt
 from meshtrace.daylight import QuasiSingle, glint_radiance, sky_radiance
 from meshtrace.errors import Refused
 from meshtrace.mesh import UnresolvedSlopes
-from meshtrace.optics import fresnel, fresnel_reflectance
+from meshtrace.optics import Constituents, fresnel, fresnel_reflectance
 from meshtrace.optics.fresnel import hemispheric_reflectance
 from meshtrace.surfaces import FlatSea, GramCharlier, JonswapSea, SinusoidalSea
 from meshtrace.surfaces.statistics import cox_munk
@@ -413,3 +413,18 @@ def test_refusals():
     two = mt.Link(receiver=(mt.Receiver(), mt.Receiver(height=7.0)))
     with pytest.raises(Refused, match="one aperture"):
         mt.background(two, FlatSea(), SUN)
+
+
+def test_few_walks_at_several_wavelengths():
+    """One photon a shift cannot follow two indices: once "parts[0][2]: nan"."""
+    water = mt.Water(spectrum=Constituents(chlorophyll=0.5), wavelength_nm=500.0)
+    day, waves = mt.Daylight.clear_sky(sun_zenith_deg=30.0), [450.0, 500.0, 550.0]
+    few, many = (
+        mt.background(
+            mt.Link(water=water), FlatSea(), day, photons=n, wavelengths_nm=waves, water="walk"
+        )
+        for n in (32, 4096)
+    )
+    for (_, a), (_, b) in zip(few, many, strict=True):
+        assert z_test(a.radiance, a.radiance_stderr, b.radiance, b.radiance_stderr) > 1e-4
+        assert a.radiance_stderr > b.radiance_stderr

@@ -225,10 +225,13 @@ def walked_radiance(
     # each pass follows the wavelengths that can share photons, those of alike phase functions
     while waiting:
         _, paths = photon_paths(links, waiting)
-        chosen = [links[i] for i in paths.wavelengths], [days[i] for i in paths.wavelengths]
-        if len(paths.wavelengths) == 1:
-            radiances[paths.wavelengths] = walk.at_one_wavelength(chosen[0][0], chosen[1][0])
+        n_runs = max(len(paths.tinting.bases), 1) * len(paths.bases)
+        # shared photons need one of each shift at least for each base and index
+        if len(paths.wavelengths) == 1 or view.per_shift < n_runs:
+            for i in paths.wavelengths:
+                radiances[[i]] = walk.at_one_wavelength(links[i], days[i])
         else:
+            chosen = [links[i] for i in paths.wavelengths], [days[i] for i in paths.wavelengths]
             radiances[paths.wavelengths] = walk.at_wavelengths(*chosen, paths)
         waiting = [i for i in waiting if i not in paths.wavelengths]
     return radiances
