@@ -53,7 +53,7 @@ _WIDEST = 20.0
 _MOST_NODES = 3e8  # on the aperture, for one source and receiver: half a minute of a thread
 LEAST_ERROR = 2e-4  # relative, of light over random slopes: rounded up from what scans showed
 LEAST_IMAGE_ERROR = 2e-6  # of light over smooth facets, where errors of both signs cancel: scans
-_SAMPLED_FACETS = 256  # facets on which other lengths of parts are tried: 2 % of the time
+_SAMPLED_FACETS = 256  # facets on which other lengths of parts are tried: a tenth of the time
 _FEWER, _LONGER = 0.75, 2.0  # numbers of nodes and lengths of parts, for an error, over the usual
 # Width of the slopes by which crossings are proposed, over that of the sea's slopes: a proposal of
 # lighter tails would give weights without a bound.

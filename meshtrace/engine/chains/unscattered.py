@@ -495,7 +495,7 @@ def _triangle_gain(part, shot, scene):
 def in_view(a, b, c):
     """Return the number of triangles of a part inside the field of view, and their corners.
 
-    Array twin: shares of points inside the view in the tests of maps.
+    Array twin: the share of random points of a triangle inside the view, in the tests.
     The edge of the view is a straight line between the corners of a part: it leaves none, one or
     two triangles.
     """

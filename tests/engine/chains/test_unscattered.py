@@ -24,6 +24,44 @@ def _overlaps(triangles, r, out):
         out[i, 1], out[i, 2] = center.x, center.y
 
 
+@jit.entry
+def _areas_in_view(margins, out):
+    """Write the area inside the view of the triangle (0, 0), (1, 0), (0, 1) by its margins."""
+    o, p = vectors.Vec3(0.0, 0.0, 0.0), vectors.Vec2
+    for i in range(len(margins)):
+        m = margins[i]
+        a = image.Corner(True, o, p(0.0, 0.0), m[0])
+        b = image.Corner(True, o, p(1.0, 0.0), m[1])
+        c = image.Corner(True, o, p(0.0, 1.0), m[2])
+        triangles, (a, b, c), (d, e, g) = image.in_view(a, b, c)
+        out[i] = 0.0
+        if triangles > 0:
+            ab, ac = vectors.minus2(b.at, a.at), vectors.minus2(c.at, a.at)
+            out[i] += 0.5 * abs(vectors.cross2(ab, ac))
+        if triangles > 1:
+            de, dg = vectors.minus2(e.at, d.at), vectors.minus2(g.at, d.at)
+            out[i] += 0.5 * abs(vectors.cross2(de, dg))
+
+
+def test_parts_are_cut_at_the_edge_of_the_view(rng):
+    """Margins that are linear over a triangle, against its random points."""
+    n, margins = 20_000, rng.normal(size=(200, 3))
+    areas = np.empty(len(margins))
+    _areas_in_view(margins, areas)
+    u, v = rng.random((2, n))
+    u, v = np.where(u + v > 1.0, (1.0 - u, 1.0 - v), (u, v))
+    cut = 0
+    for (a, b, c), area in zip(margins, areas, strict=True):
+        share = np.mean(a + (b - a) * u + (c - a) * v >= 0.0)
+        if 0.0 < area < 0.5:
+            cut += 1
+            stderr = math.sqrt(2.0 * area * (1.0 - 2.0 * area) / n)
+            assert abs(share - 2.0 * area) < 5.0 * stderr + 1.0 / n
+        else:
+            assert share == 2.0 * area
+    assert cut > 100
+
+
 def overlap(triangles, r=1.0):
     t = np.asarray(triangles, float).reshape(-1, 6)
     out = np.empty((len(t), 3))
