@@ -192,10 +192,14 @@ def land_from(p, n, w, d, length, scene):
     if cos_i > 0.0:
         cos_i = min(cos_i, 1.0)
         cos_t, rho, r = transmit(d, n, cos_i, medium.n_water, medium.n_air, scene.interface)
+        if scene.reflects:
+            # law of reflection; total reflection has rho = 1 and brings light, too
+            r = along(d, n, -2.0 * cos_i)
+    leaves = cos_i > 0.0 if scene.reflects else cos_t > 0.0
     facing = dot(r, target.axis)
     # Light along the plane of the aperture, or from behind, lands nowhere on it; neither does
-    # totally reflected light (cos_t <= 0). 1e-9 keeps `flight` finite.
-    if cos_t <= 0.0 or facing <= 1e-9:
+    # light that is to be refracted and is totally reflected. 1e-9 keeps `flight` finite.
+    if not leaves or facing <= 1e-9:
         return Aim(False, Vec2(0.0, 0.0), w, d, r, rho, length, 0.0)
     way = minus(target.center, p)
     flight = dot(way, target.axis) / facing  # from P to the plane of the aperture
@@ -597,11 +601,15 @@ def is_steep(m, scene):
 
 
 @inlined
-def transmittance(m, interface):
-    """Return the transmittance of the surface at a crossing.
+def transmittance(m, scene):
+    """Return the transmittance of the surface at a crossing, or its reflectance in a mirror.
 
     Array twin: `meshtrace.optics.fresnel` and `Whitecaps.transmittance`.
     """
+    interface = scene.interface
+    # foam is opaque: it takes its share from either side, of what is reflected, too
+    if scene.reflects:
+        return m.rho * interface.foam_transmittance
     t = (1.0 - m.rho) * interface.foam_transmittance
     # PAPER_BOTH: that paper applies Fresnel's transmittance at the crossing and in its budget
     if interface.fresnel == FresnelMode.PAPER_BOTH:
@@ -656,7 +664,7 @@ def passed(share, m, p, n, facet, tilt, scene):
     share *= acceptance(m, p, scene.target, scene.interface.fov)
     if share == 0.0:
         return 0.0
-    share *= transmittance(m, scene.interface)
+    share *= transmittance(m, scene)
     if scene.target.is_lamp:
         return share * forwards(m, p, facet, tilt, scene.surface)
     if tilt.x != 0.0 or tilt.y != 0.0:

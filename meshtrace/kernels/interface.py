@@ -417,6 +417,16 @@ def reflectance(cos_i, cos_t, n1, n2):
 
 
 @inlined
+def mirror_reflectance(cos_i, n1, n2):
+    """Return the Fresnel reflectance at an angle of incidence, 1 for total reflection.
+
+    Array twin: `meshtrace.optics.fresnel.fresnel_reflectance`.
+    """
+    sin2_t = (n1 / n2) ** 2 * (1.0 - cos_i * cos_i)
+    return reflectance(cos_i, math.sqrt(1.0 - sin2_t), n1, n2) if sin2_t < 1.0 else 1.0
+
+
+@inlined
 def refract(d, n, cos_i, n1, n2):
     """Return (cos_t, direction) behind the surface; cos_t < 0: total internal reflection.
 

@@ -86,9 +86,9 @@ class Locator(NamedTuple):
 class Scene(NamedTuple):
     """One source, one surface and one aperture.
 
-    Chains start below the surface and end above it. A mirrored scene is turned upside down for
-    this: its source lies in the air, drawn below the surface, and the refractive indices of its
-    medium are interchanged.
+    Light starts below the surface and ends above it, or, where the surface `reflects` it to its
+    target, below it again. A mirrored scene is turned upside down for this: its source lies in the
+    air, drawn below the surface, and the refractive indices of its medium are interchanged.
     """
 
     emitter: Emitter
@@ -99,6 +99,7 @@ class Scene(NamedTuple):
     medium: Medium
     interface: Interface
     mirrored: bool = False
+    reflects: bool = False  # source and target lie on one side, and the surface is their mirror
 
 
 @inlined

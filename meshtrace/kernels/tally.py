@@ -65,15 +65,20 @@ class PlaneScore(IntEnum):
 
 N_PLANE_SCORES = len(PlaneScore)
 
-DIRECT, SCATTERED, REFLECTED = range(3)
-N_PARTS = 3
-"""Parts of the light at a receiver: unscattered, scattered, and first reflected by the surface."""
+DIRECT, SCATTERED, REFLECTED, MIRRORED, BOTTOM, BODY = range(6)
+N_PARTS = 6
+"""Parts of the light at a receiver, by what it met.
+
+Light that changes sides is unscattered (`DIRECT`), scattered, or first reflected by the surface. Of
+links whose ends lie on one side `DIRECT` is straight, `MIRRORED` is unscattered and reflected by
+the surface, and the rest is named by what it met last: `SCATTERED` water, `BOTTOM`, `BODY`.
+"""
 
 ARRIVAL = record_type(
     [
         ("photon", np.int64),
         ("receiver", np.int64),
-        ("part", np.int64),  # DIRECT, SCATTERED or REFLECTED
+        ("part", np.int64),  # DIRECT ... BODY
         ("order", np.int64),  # scatterings, and reflections by the bottom
         ("weight", float),
         ("water", float),  # path in the water [m]

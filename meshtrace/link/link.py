@@ -25,6 +25,8 @@ from meshtrace.optics.water import Water
 _TYPICAL = 16.0  # depth plus height of links whose unit of length is the metre [m]
 _SMALL = 8.0  # meshes are scaled down for links of a unit below 1 m over this number
 _ASIDE = 20.0  # a mesh centred on the origin is fine up to receivers this far aside [m]
+_MOST_CELLS = 250  # of the fine part of the mesh of a link on one side, over its half-width
+_FEW_METRES = 10.0  # depth from which light comes back to the air, if there is no bottom above [m]
 _NEAR = 64.0  # links keep the origin (0, 0) up to this distance from it, over depth plus height
 _LEAST_DISTANCE = 1e-3  # of a source or receiver from still water [m]
 _LEAST_SHARE = 0.1  # the same over the distance of the farthest end, for links of a few millimetres
@@ -32,6 +34,13 @@ _SHORTEST = 1e-9  # the same of any link [m]: rays have no meaning below the wav
 # fields of kind, place and axis, which an end leaves behind when it changes places, see `_moved`
 _PLACED = {"kind", "position", "depth", "height"}
 _PLACED |= {"zenith_deg", "azimuth_deg", "tilt_deg", "tilt_azimuth_deg"}
+
+
+Direction = Literal["up", "down", "under", "over", "mixed"]
+"""Media of the ends of a link, see `Link.direction`."""
+
+SAME_SIDE = "under", "over"
+"""Directions of links whose ends lie in one medium, with the surface as a mirror."""
 
 
 class Footprint(NamedTuple):
@@ -170,13 +179,21 @@ class Link(Model, frozen=True):
         return "receiver", self.only_receiver
 
     @property
-    def direction(self) -> Literal["up", "down", "mixed"]:
-        """Direction of the light: "up" from the water into the air, "down", or "mixed"."""
-        from_water = [isinstance(t, WaterSource) for t in self.transmitters]
-        into_air = [isinstance(r, Receiver) for r in self.receivers]
-        if all(from_water) and all(into_air):
-            return "up"
-        return "mixed" if any(from_water) or any(into_air) else "down"
+    def direction(self) -> Direction:
+        """Media of the two ends: "up" from the water into the air, or "down"; else see `SAME_SIDE`.
+
+        "under": both ends in the water; "over": both in the air; "mixed": sources or receivers in
+        either medium.
+        """
+        from_water = {isinstance(t, WaterSource) for t in self.transmitters}
+        into_air = {isinstance(r, Receiver) for r in self.receivers}
+        if len(from_water) > 1 or len(into_air) > 1:
+            return "mixed"
+        # planes alone, without a receiver, count light in the water
+        (water,), air = from_water, into_air.pop() if into_air else from_water == {True}
+        if water:
+            return "up" if air else "under"
+        return "over" if air else "down"
 
     def mirrored(self) -> Self:
         """Return the link in the other direction: lamp and receiver change places.
@@ -334,7 +351,9 @@ class Link(Model, frozen=True):
         -----
         The fine part covers the region where unscattered light of a rough sea can cross to a
         receiver: a slope s moves the crossing by beta s with beta = (n-1) h d / (d + n h), for the
-        depth d, the height h and the relative index n of the water.
+        depth d, the height h and the relative index n of the water. The mirror of links on one side
+        has beta = 2 h h' / (h + h') for the distances h and h' of the ends from it; there the fine
+        part is no wider than what the beams light, or what is seen of the light in the water.
         The extent reaches to slanted rays that absorption weakens by e^-6 more than vertical ones.
         """
         # metres for links of ordinary size
@@ -347,9 +366,11 @@ class Link(Model, frozen=True):
         radius = max((r.radius for r in self.receivers), default=0.0)
         n = self.water.n / self.n_air
         beta = (n - 1.0) * height * depth / (depth + n * height)
+        if self.direction in SAME_SIDE:
+            beta = max(lever for _, lever, _ in self.crossings())
         center, half_fine, half_ends = self._middle(aside * scale)
         # crossings of slopes up to 2.5, see Notes
-        fine = max(2.5 * beta + radius + half_fine, scale)
+        fine = max(min(2.5 * beta, self._widest_light()) + radius + half_fine, scale)
         # at most ten depths aside, where a ray from the lamp is 84 degrees off the vertical
         reach = 10.0 * depth if low else 50.0
         if self.water.a > 0.0:
@@ -360,7 +381,11 @@ class Link(Model, frozen=True):
             (t.half_width for t in self.transmitters if hasattr(t, "half_width")), default=0
         )
         extent = fine - half_fine + half_ends + max(reach, 5.0 * scale) + width
-        return Footprint(center, extent, 0.1 * scale, fine, scale)
+        # a lamp high in the air is reflected over hectares: facets of the fine part are limited
+        spacing = 0.1 * scale
+        if self.direction in SAME_SIDE:
+            spacing = max(spacing, fine / _MOST_CELLS)
+        return Footprint(center, extent, spacing, fine, max(spacing, scale))
 
     def lit_patch(self, slope: float) -> tuple[tuple[float, float], float]:
         """Return centre and half-width [m] of the crossings of unscattered light to the receivers.
@@ -377,9 +402,10 @@ class Link(Model, frozen=True):
         """
         low, high = np.full(2, math.inf), np.full(2, -math.inf)
         margin = 0.05 * min(_SMALL * self.unit, 1.0)
+        widest = self._widest_light()
         for place, lever, seen in self.crossings():
             # Gaussian slopes exceed 4.5 standard deviations at 7 in a million places
-            reach = 4.5 * lever * slope + seen + margin
+            reach = min(4.5 * lever * slope, widest) + seen + margin
             low, high = np.minimum(low, place - reach), np.maximum(high, place + reach)
         middle = 0.5 * (low + high)
         return (float(middle[0]), float(middle[1])), float(0.5 * (high - low).max())
@@ -391,12 +417,16 @@ class Link(Model, frozen=True):
         -----
         A slope moves the crossing of slanted light farther than that of vertical light
         (`footprint`), by a factor of (1 + 2 tan^2 theta)^(3/2), theta the angle of the straight
-        line between both ends.
+        line between both ends. For ends on one side these are the places where the sea reflects the
+        light, with the factor 1 / cos^2 theta, theta the angle of incidence.
         """
         n = self.water.n / self.n_air
         crossings = []
         for t in self.transmitters:
             for r in self.receivers:
+                if self.direction in SAME_SIDE:
+                    crossings.append(_mirror_crossing(t, r))
+                    continue
                 low_end, high_end = (r, t) if isinstance(t, AirLamp) else (t, r)
                 depth, height = getattr(low_end, "depth", 1.0), getattr(high_end, "height", 1.0)
                 # part of the horizontal way that lies in the water; for small angles a metre of
@@ -408,6 +438,23 @@ class Link(Model, frozen=True):
                 place = _crossing(low_end.position, high_end.position, depth, height, n)
                 crossings.append(Crossing(place, lever, seen))
         return crossings
+
+    def _widest_light(self) -> float:
+        """Return the largest distance from a mirror crossing up to which facets are to be fine [m].
+
+        Infinite for links that change sides. Of links on one side beams light their spot alone, and
+        light from the water is seen within the view, or within `_FEW_METRES` of its depth.
+        """
+        if self.direction not in SAME_SIDE:
+            return math.inf
+        spots = [_spot_radius(t) for t in self.transmitters]
+        if self.direction == "under":
+            return max(spots)
+        seen = [
+            abs(r.center[2]) * math.tan(min(math.radians(r.fov_deg) / 2.0, 1.5))
+            for r in self.receivers
+        ]
+        return max(*spots, min(max(seen), self.water.bottom_depth or _FEW_METRES))
 
     def _middle(self, most: float) -> tuple[tuple[float, float], float, float]:
         """Return the middle of the fine mesh, and half-widths of what it covers and of all ends.
@@ -424,6 +471,33 @@ class Link(Model, frozen=True):
         middle = 0.5 * (crossings.min(axis=0) + crossings.max(axis=0))
         half = float(np.abs(crossings - middle).max())
         return (float(middle[0]), float(middle[1])), half, float(np.abs(places - middle).max())
+
+
+def _mirror_crossing(t: Source, r: Aperture) -> Crossing:
+    """Return where a level surface reflects light of a source to an aperture on the same side."""
+    height, other = abs(t.center[2]), abs(r.center[2])
+    # straight lines to the mirror image: similar triangles
+    share = height / (height + other)
+    a, b = np.array(t.position, float), np.array(r.position, float)
+    tangent = math.dist(a, b) / (height + other)
+    # a slope s turns the light by 2 s, which both distances share like conductances
+    lever = 2.0 * height * other / (height + other) * (1.0 + tangent**2)
+    return Crossing(np.asarray(a + share * (b - a)), lever, r.radius * share)
+
+
+def _spot_radius(t: Source) -> float:
+    """Return the radius of the light of a beam on the level surface [m], infinite for a lamp."""
+    divergence = getattr(t, "divergence_deg", None)
+    if divergence is None:
+        return math.inf
+    # a Gaussian beam has e^-12 of its intensity at 2.5 times its half-angle
+    steepest = math.acos(min(abs(t.axis[2]), 1.0)) + 2.5 * math.radians(divergence)
+    if steepest >= 1.5:
+        return math.inf
+    height = abs(t.center[2])
+    # in the plane of incidence the spot reaches farthest on the side of flatter light
+    aside = height * (math.tan(steepest) - math.sqrt(1.0 / t.axis[2] ** 2 - 1.0))
+    return 2.5 * t.size / abs(t.axis[2]) + aside
 
 
 def _power_of_two(size: float) -> float:

@@ -48,7 +48,7 @@ class Aperture(
 
 
 class Receiver(Aperture, frozen=True):
-    """Disk that collects light in the air, seen from below.
+    """Disk that collects light in the air.
 
     A photon counts if it meets the disk within the field of view: |q - center| <= radius and
     d . axis >= cos(fov / 2).
@@ -64,7 +64,7 @@ class Receiver(Aperture, frozen=True):
     position : tuple of float
         Horizontal position (x, y) [m].
     tilt_deg, tilt_azimuth_deg : float
-        Tilt of the line of sight from nadir, 0 <= tilt < 90, and its azimuth from +x,
+        Tilt of the line of sight from straight down, 0 <= tilt <= 180, and its azimuth from +x,
         counter-clockwise [deg].
 
     Notes
@@ -76,7 +76,7 @@ class Receiver(Aperture, frozen=True):
     kind: Literal["receiver"] = "receiver"
     height: Positive = 5.0
     fov_deg: float = Field(default=60.0, gt=0.0, le=180.0, allow_inf_nan=False)
-    tilt_deg: float = Field(default=0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
+    tilt_deg: float = Field(default=0.0, ge=0.0, le=180.0, allow_inf_nan=False)
     tilt_azimuth_deg: Finite = 0.0
 
     @property
@@ -115,7 +115,7 @@ class WaterAperture(Aperture, frozen=True):
 
 
 class WaterReceiver(Aperture, frozen=True):
-    """Disk that collects light in the water, seen from above.
+    """Disk that collects light in the water.
 
     Parameters
     ----------
@@ -128,8 +128,8 @@ class WaterReceiver(Aperture, frozen=True):
     position : tuple of float
         Horizontal position (x, y) [m].
     tilt_deg, tilt_azimuth_deg : float
-        The receiver looks up; tilt leans its line of sight from the zenith towards the azimuth
-        (from +x counter-clockwise) [deg], 0 <= tilt < 90.
+        The receiver looks up; tilt leans its line of sight from straight up towards the azimuth
+        (from +x counter-clockwise) [deg], 0 <= tilt <= 180.
 
     Notes
     -----
@@ -139,7 +139,7 @@ class WaterReceiver(Aperture, frozen=True):
     kind: Literal["water-receiver"] = "water-receiver"
     depth: float = Field(default=10.0, gt=0.0, le=12_000.0, allow_inf_nan=False)
     fov_deg: float = Field(default=60.0, gt=0.0, le=180.0, allow_inf_nan=False)
-    tilt_deg: float = Field(default=0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
+    tilt_deg: float = Field(default=0.0, ge=0.0, le=180.0, allow_inf_nan=False)
     tilt_azimuth_deg: Finite = 0.0
 
     @property

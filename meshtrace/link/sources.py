@@ -243,11 +243,11 @@ class AirLamp(Source, frozen=True):
     height : float
         Height above still water [m], > 0.
     tilt_deg, tilt_azimuth_deg : float
-        Tilt of the axis from nadir, 0 <= tilt < 90, and its azimuth from +x [deg].
+        Tilt of the axis from straight down, 0 <= tilt <= 180, and its azimuth from +x [deg].
     """
 
     height: Positive = 5.0
-    tilt_deg: float = Field(default=0.0, ge=0.0, lt=90.0, allow_inf_nan=False)
+    tilt_deg: float = Field(default=0.0, ge=0.0, le=180.0, allow_inf_nan=False)
     tilt_azimuth_deg: Finite = 0.0
 
     @property
@@ -276,7 +276,7 @@ class AirLed(_Lambertian, AirLamp, frozen=True):
         Horizontal position (x, y) [m].
     tilt_deg, tilt_azimuth_deg : float
         The lamp shines down; tilt leans its axis from nadir towards the azimuth (from +x
-        counter-clockwise) [deg], 0 <= tilt < 90.
+        counter-clockwise) [deg], 0 <= tilt <= 180.
     power_mw : float
         Emitted optical power [mW]; the weight of the source in a list of sources.
     wavelength_nm : float

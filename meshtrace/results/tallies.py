@@ -122,7 +122,9 @@ class ArrivalTally(Tally):
         without random slopes.
     part : ndarray, shape (arrivals,)
         0 for unscattered light, 1 for scattered light, 2 for light that the surface reflected
-        first.
+        first. Of links whose ends lie on one side 0 is straight, 3 unscattered and mirrored by the
+        surface; of the rest the last event was in the water (1), at the bottom (4) or at a body
+        (5).
     order : ndarray, shape (arrivals,)
         Number of scatterings, and of reflections by the bottom.
     """

@@ -122,9 +122,9 @@ class AimedChains:
         self.blurred = physical == (Snell.PHYSICAL, Direction.VECTOR) and wide
         self.facets = np.empty(len(mesh.faces), FACET)
         facet_summary(self.surface, self.facets)
-        # Kernels of unscattered light expect the source below the surface: for a downlink all is
-        # turned upside down, so that its lamp lies below.
-        self._mirrored = _upside_down(self.surface) if link.down else None
+        # Kernels of unscattered light expect the source below the surface: for lamps in the air all
+        # is turned upside down, so that they lie below.
+        self._mirrored = _upside_down(self.surface) if link.forwards else None
         self._serve(link)
         self.nodes: dict[tuple[int, int], Nodes] = {}  # of the aperture, by source and receiver
         # largest height of the waves above or below the mean level
@@ -188,12 +188,16 @@ class AimedChains:
         scene = self.scene(start, link.targets[target])
         if forwards is None or self._mirrored is None:
             return scene
-        # the ends are interchanged, and so are the indices on both sides of the surface
+        # chains of a downlink start at its receiver: its ends change places. The indices on both
+        # sides of the surface do for all light from the air
+        lamp, receiver = (target, emitter) if link.down else (emitter, target)
         surface, facets = self._mirrored
-        n = forwards.medium
+        n, source = forwards.medium, forwards.emitters[lamp]
+        if at is not None and not link.down:
+            source = source._replace(position=at._replace(z=-at.z))
         return scene._replace(
-            emitter=forwards.emitters[target],
-            target=forwards.targets[emitter],
+            emitter=source,
+            target=forwards.targets[receiver],
             surface=surface,
             facets=facets,
             medium=self.medium._replace(n_water=n.n_water, n_air=n.n_air),
@@ -203,7 +207,10 @@ class AimedChains:
     def scene(self, emitter: Emitter, target: Target) -> Scene:
         """Return one source, the surface and one aperture as the kernels take them."""
         facets, medium, interface = self.facets, self.medium, self.link.interface
-        return Scene(emitter, target, self.surface, self.locator, facets, medium, interface)
+        return Scene(
+            emitter, target, self.surface, self.locator, facets, medium, interface,
+            reflects=self.link.reflects,
+        )  # fmt: skip
 
     def together(self, receivers: Sequence[int], chains: ChainSet) -> Iterator[list[int]]:
         """Yield receivers that a set of chains is aimed at together.

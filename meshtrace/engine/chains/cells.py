@@ -380,6 +380,6 @@ def _blur(pencil, x, y, cells, across, rules, scene):
         if s.density > 0.0:
             share = acceptance(s.aim, middle, scene.target, scene.interface.fov)
             if share > 0.0 and (is_steep(s.aim, scene) or _free(middle, s.aim, scene)):
-                share *= exposure(w, normal, s.tilt) * transmittance(s.aim, scene.interface)
+                share *= exposure(w, normal, s.tilt) * transmittance(s.aim, scene)
                 total += shares[i] * shares[j] * s.density * share
     return total

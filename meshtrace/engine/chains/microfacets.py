@@ -35,6 +35,7 @@ from meshtrace.engine.chains import unscattered
 from meshtrace.kernels.interface import (
     FieldOfView,
     exposure,
+    mirror_reflectance,
     normal_at,
     over_gaussian,
     reflectance,
@@ -153,35 +154,50 @@ def _normal_from_source(p, goal, scene):
 
 @inlined
 def _normal_to(p, d, goal, scene):
-    """Return (N, r, flight); N = n_w d - n_a r is normal to the facet that refracts to a point.
+    """Return (N, r, flight); N = n_w d - n_a r is normal to the facet that bends d to a point.
 
     The point is `goal` on the plane of the aperture, r the direction to it, `flight` its distance.
+    A facet that reflects has the normal d - r, as if both indices were 1.
     """
-    target, medium = scene.target, scene.medium
+    target = scene.target
+    n_before, n_behind = _indices(scene)
     at = along(along(target.center, target.e1, goal.x), target.e2, goal.y)
     way = minus(at, p)
     flight = norm(way)
     r = scaled(1.0 / flight, way)
-    big = along(scaled(medium.n_water, d), r, -medium.n_air)
+    big = along(scaled(n_before, d), r, -n_behind)
     # Into the denser side N points against the light; facets are known by their upward normals.
-    return scaled(-1.0, big) if scene.mirrored else big, r, flight
+    against = scene.mirrored and not scene.reflects
+    return scaled(-1.0, big) if against else big, r, flight
+
+
+@inlined
+def _indices(scene):
+    """Return the weights of the directions before and behind a facet in its normal, `_normal_to`.
+
+    Array twin: none, a choice.
+    """
+    if scene.reflects:
+        return 1.0, 1.0
+    return scene.medium.n_water, scene.medium.n_air
 
 
 @outlined
 def slope_towards(p, n, w, d, length, goal, scene):
-    """Return the `Slope` that refracts light at P to a point of the aperture's plane.
+    """Return the `Slope` that refracts or reflects light at P to a point of the aperture's plane.
 
     Array twin: `crossing.land` of the tilted normal, and its derivatives by the tilt.
     n is the normal of the mesh, w the direction of emission, d that of arrival.
     """
-    # Walter et al. (2007), eq. 16: the half vector of refraction, n_w d - n_a r, is along the
-    # normal.
+    # Walter et al. (2007), eqs. 13 and 16: the half vector, of refraction n_w d - n_a r and of
+    # reflection d - r, is along the normal.
     big, r, flight = _normal_to(p, d, goal, scene)
     size = norm(big)
     cos_i, cos_t = dot(big, d) / size, dot(big, r) / size
     aim = crossing.Aim(False, goal, w, d, r, 1.0, length, flight)
     unreachable = Slope(math.inf, math.inf, Vec2(0.0, 0.0), 0.0, aim)
-    if big.z <= 0.0 or cos_t <= 0.0 or dot(r, scene.target.axis) <= 1e-9:
+    bends = cos_t < 0.0 if scene.reflects else cos_t > 0.0
+    if big.z <= 0.0 or not bends or dot(r, scene.target.axis) <= 1e-9:
         return unreachable
     # slope of the required normal, -N_xy / N_z, less that of the mesh, -n_xy / n_z
     tilt = Vec2(n.x / n.z - big.x / big.z, n.y / n.z - big.y / big.z)
@@ -191,7 +207,7 @@ def slope_towards(p, n, w, d, length, goal, scene):
     if square > MOST_SLOPE * MOST_SLOPE:
         return unreachable
     # dr/dx = (e - r (r.e)) / flight for either axis e of the aperture; k has all factors but a, b
-    k = scene.medium.n_air / (flight * big.z * big.z)
+    k = _indices(scene)[1] / (flight * big.z * big.z)
     a = along(scene.target.e1, r, -dot(r, scene.target.e1))
     b = along(scene.target.e2, r, -dot(r, scene.target.e2))
     # s = -N_xy / N_z with dN = -n_a dr: ds = n_a (dr_xy N_z - N_xy dr_z) / N_z^2
@@ -200,7 +216,11 @@ def slope_towards(p, n, w, d, length, goal, scene):
     # Density of slopes times |det ds/dx|, the density of landing points [m-2].
     density = math.exp(-0.5 * square) / (2.0 * math.pi * roughness.along * roughness.across)
     density *= over_gaussian(roughness.series, u.x, u.y)
-    rho = reflectance(cos_i, cos_t, scene.medium.n_water, scene.medium.n_air)
+    rho = 1.0
+    if not scene.reflects:
+        rho = reflectance(cos_i, cos_t, scene.medium.n_water, scene.medium.n_air)
+    else:
+        rho = mirror_reflectance(cos_i, scene.medium.n_water, scene.medium.n_air)
     aim = crossing.Aim(True, goal, w, d, r, rho, length, flight)
     return Slope(u.x, u.y, tilt, density * k * k * abs(det), aim)
 
@@ -760,7 +780,7 @@ def _number_of_nodes(length, sigma, rule):
 def _passed(s, pencil, scene):
     """Return the share of light that crosses the surface by a `Slope`, and the water behind it."""
     share = exposure(pencil.w, pencil.normal, s.tilt)
-    share *= crossing.transmittance(s.aim, scene.interface)
+    share *= crossing.transmittance(s.aim, scene)
     # water before the surface dims a pencil as a whole, see `_part_gain`
     if scene.mirrored and share > 0.0:
         source = scene.emitter.position

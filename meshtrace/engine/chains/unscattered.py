@@ -220,7 +220,7 @@ def carried(share, p, m, scene):
 
     m is the `Aim` at the crossing p.
     """
-    share *= intensity(scene.emitter, m.w) * transmittance(m, scene.interface)
+    share *= intensity(scene.emitter, m.w) * transmittance(m, scene)
     return share * math.exp(-straight_depth(p, m, scene.emitter.position, scene))
 
 
@@ -229,8 +229,14 @@ def straight_depth(p, m, source, scene):
     """Return the optical depth of unscattered light that crosses at P.
 
     Array twin: `meshtrace.kernels.medium` along straight ways in the tests.
-    In a mirrored scene the water lies behind the crossing, at the heights -z.
+    In a mirrored scene the water lies behind the crossing, at the heights -z. Light that is
+    reflected stays in the air there, and else in the water.
     """
+    if scene.reflects:
+        if scene.mirrored:
+            return 0.0
+        before = depth_between(scene.medium, source, p, m.length)
+        return before + depth_between(scene.medium, p, along(p, m.r, m.flight), m.flight)
     if scene.mirrored:
         q, end = Vec3(p.x, p.y, -p.z), along(p, m.r, m.flight)
         return depth_between(scene.medium, q, Vec3(end.x, end.y, -end.z), m.flight)

@@ -432,7 +432,7 @@ def _join_at(at, facet, multiplicity, q, i, shot, scene, world):
         if world.interface.follow_second_hit and not _is_clear(p, m.r, m.flight, facet, world):
             return
     # all points of the aperture: |A| dOmega / dx at the one that photons are joined to
-    weight *= scene.target.area * per_area * crossing.transmittance(m, world.interface) / q.chance
+    weight *= scene.target.area * per_area * crossing.transmittance(m, scene) / q.chance
     phase, theta = _scattered(m.w, q, world)
     weight *= phase
     weight *= math.exp(-depth_between(world.medium, start, p, m.length))

@@ -20,6 +20,7 @@ from meshtrace.kernels.scene import Emitter, Target
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.vectors import ORIGIN, Vec3
 from meshtrace.link import Link, Receiver, Source, WaterReceiver, WaterSource
+from meshtrace.link.link import SAME_SIDE, Direction
 from meshtrace.link.receivers import Aperture
 from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
@@ -30,6 +31,7 @@ ANALOG = 'else estimator="analog"'
 POINTS_ONLY = f"a point source in bottomless water, with these switches of physics; {ANALOG}"
 """Links that chains follow, for a refusal where joined photons do not."""
 _NEGLIGIBLE = 1e-7  # light at the reach over that straight above the source
+_NARROWEST_ON_ONE_SIDE = 1e-3  # [deg]: no chains are aimed, photons start in any cone
 _NARROWEST = 0.1  # [deg], of a lamp: narrower spots are smaller than the parts of a facet
 # switches of physics whose form as published makes light differ from light that is reversed
 _REVERSIBLE = ("snell", "direction", "fresnel", "free_path", "fov")
@@ -51,7 +53,8 @@ class ForcedLink(NamedTuple):
     """A link as arrays and numbers in its local frame.
 
     Chains start at the emitters in the water and aim at the targets in the air: sources and
-    receivers, or, for light that goes down, receivers and lamps.
+    receivers, or, for light that goes down, receivers and lamps. Of ends on one side emitters are
+    the sources and targets the receivers, reached by the mirror of the surface.
     """
 
     frame: arrays.Frame
@@ -60,14 +63,20 @@ class ForcedLink(NamedTuple):
     targets: list[Target]
     medium: Medium
     interface: Interface
-    forwards: Forwards | None  # of light that goes down
+    forwards: Forwards | None  # of light that starts in the air
+    direction: Direction  # `Link.direction`
     sizes: tuple[float, ...]  # radius of each emitter, in the unit of the frame
     stands_for: NDArray[np.intp]  # (targets,) the one that stands for each, see `representatives`
 
     @property
     def down(self) -> bool:
         """Whether the chains run against the light."""
-        return self.forwards is not None
+        return self.direction == "down"
+
+    @property
+    def reflects(self) -> bool:
+        """Whether the ends lie on one side of the surface."""
+        return self.direction in SAME_SIDE
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
@@ -116,8 +125,10 @@ def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
     forwards, water = None, frame.medium(medium)
     if link.direction == "down":
         # chains start in the water, at the receivers, and run against the light: reciprocity of
-        # radiance over n^2. Unscattered light is followed forwards, with everything upside down
+        # radiance over n^2
         low = link.receivers
+    if link.direction in ("down", "over"):
+        # unscattered light from the air is followed forwards, with everything upside down
         forwards = Forwards(
             [_mirrored(emitter_of(t, frame), "position") for t in link.transmitters],
             [_mirrored(target_of(r, frame), "center") for r in link.receivers],
@@ -132,6 +143,7 @@ def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
         medium=water,
         interface=arrays.interface_arrays(link),
         forwards=forwards,
+        direction=link.direction,
         sizes=tuple(end.size / frame.unit if isinstance(end, Source) else 0.0 for end in low),
         stands_for=representatives(emitters, targets),
     )
@@ -172,23 +184,27 @@ def _targets(link: Link, frame: arrays.Frame) -> list[Target]:
     # the clearest layer: in no water does light reach farther
     water = link.water
     a = water.a if water.layers is None else min(row[1] for row in water.layers)
-    targets = []
-    for lamp in link.transmitters:
-        if isinstance(lamp, AirLamp):
-            t = lamp_target(lamp, link, frame)
-            ways = [_way_of_light(lamp, end, a) for end in link.receivers]
-            targets.append(t._replace(reach=min(t.reach, max(ways) / frame.unit)))
+    if link.direction == "down":
+        targets = []
+        for lamp in link.transmitters:
+            if isinstance(lamp, AirLamp):
+                t = lamp_target(lamp, link, frame)
+                ways = [_way_of_light(lamp, end, a) for end in link.receivers]
+                targets.append(t._replace(reach=min(t.reach, max(ways) / frame.unit)))
+        return targets
     # the view of a receiver, or the light of all sources, whichever ends first
-    spots = [
-        (s.position, _lit_radius(s.depth, a) + 4.0 * s.size)
-        for s in link.transmitters
-        if isinstance(s, WaterSource)
-    ]
+    spots = []
+    for s in link.transmitters:
+        if isinstance(s, WaterSource):
+            spots.append((s.position, _lit_radius(s.depth, a) + 4.0 * s.size))
+        elif isinstance(s, AirLamp):
+            lit = frame.unit * lamp_target(s, link, frame).reach
+            spots.append((s.position, lit + 4.0 * s.size))
+    targets = []
     for end in link.receivers:
-        if isinstance(end, Receiver):
-            t = target_of(end, frame)
-            farthest = max(math.dist(middle, end.position) + wide for middle, wide in spots)
-            targets.append(t._replace(reach=min(t.reach, farthest / frame.unit)))
+        t = target_of(end, frame)
+        farthest = max(math.dist(middle, end.position) + wide for middle, wide in spots)
+        targets.append(t._replace(reach=min(t.reach, farthest / frame.unit)))
     return targets
 
 
@@ -234,24 +250,27 @@ def _lit_radius(depth: float, a: float) -> float:
 
 def require_followable(link: Link) -> None:
     """Refuse features that neither chains nor joined photons follow."""
-    down = any(isinstance(t, AirLamp) for t in link.transmitters)
-    source, end = (AirLamp, WaterReceiver) if down else (WaterSource, Receiver)
-    sides = ("air", "water") if down else ("water", "air")
+    # the first source and receiver decide for all: one link has one kind of light
+    in_air = any(isinstance(t, AirLamp) for t in link.transmitters)
+    into_air = any(isinstance(r, Receiver) for r in link.receivers)
+    source, source_side = (AirLamp, "air") if in_air else (WaterSource, "water")
+    end, end_side = (Receiver, "air") if into_air else (WaterReceiver, "water")
+    narrowest = _NARROWEST_ON_ONE_SIDE if in_air == into_air else _NARROWEST
     for path, item in link.items():
         if isinstance(item, source):
-            if item.spread_deg < _NARROWEST:
+            if item.spread_deg < narrowest:
                 angle = Described(f"a half-angle of {item.spread_deg:g} deg")
-                raise Refused(path, angle, f">= {_NARROWEST:g} deg; {ANALOG}")
+                raise Refused(path, angle, f">= {narrowest:g} deg; {ANALOG}")
         elif isinstance(item, Source):
-            raise Refused(path, Described(item.kind), f"a source in the {sides[0]}; {ANALOG}")
+            raise Refused(path, Described(item.kind), f"a source in the {source_side}; {ANALOG}")
         elif not isinstance(item, end):
-            raise Refused(path, Described(item.kind), f"a receiver in the {sides[1]}; {ANALOG}")
-        elif down and item.fov_deg < _NARROWEST:
-            allowed = f">= {_NARROWEST:g} deg; {ANALOG}"
+            raise Refused(path, Described(item.kind), f"a receiver in the {end_side}; {ANALOG}")
+        elif in_air and item.fov_deg < narrowest:
+            allowed = f">= {narrowest:g} deg; {ANALOG}"
             raise Refused(f"{path}.fov_deg", item.fov_deg, allowed)
     if not link.receivers:
         raise Refused("receiver", (), "at least one")
-    if down:
+    if in_air or not into_air:
         _require_reversible(link)
     if link.planes is not None:
         raise Refused("planes", Described("given"), f"None; {ANALOG}")
@@ -264,7 +283,7 @@ def require_followable(link: Link) -> None:
 
 
 def _require_reversible(link: Link) -> None:
-    """Refuse forms as published that differ between the two directions of light."""
+    """Refuse forms as published, but for light that leaves the water: they have one direction."""
     default = type(link.physics)()
     physical = {name: getattr(default, name) for name in _REVERSIBLE}
     if link.water.layers is not None:
