@@ -369,7 +369,7 @@ def read_records(record: Iterable[Any], estimator: Estimator) -> dict[str, Recor
         If there are two of a kind, or a map with the forced estimator.
     """
     records: dict[str, Record] = {}
-    # one record, or a name, is as good as a list of one; a text is no list of its letters
+    # one record, or its name, counts as a list of one; list() would split a name into letters
     try:
         items = [record] if isinstance(record, Record | str) else list(record)
     except TypeError as error:
