@@ -224,7 +224,7 @@ class Rule(NamedTuple):
 
 
 class Work(IntEnum):
-    """Places in the array of what `blurred_gain` did."""
+    """Indices into the array in which `blurred_gain` counts its work."""
 
     LEFT = 0  # nodes that may still be evaluated
     LENSES = 1  # parts that are integrated with Gauss nodes between rims, see `_lens_light`

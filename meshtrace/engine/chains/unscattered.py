@@ -304,7 +304,7 @@ def part_sizes(share, bend, scene):
 
 @outlined
 def unless_hidden(total, f, scene):
-    """Return the total light of a facet; none where waves hide the ways to its centroid.
+    """Return the total light of a facet, or 0 where waves hide the paths to its centroid.
 
     Array twin: `EmbreeIntersector.intersect`.
     """
