@@ -195,10 +195,9 @@ def vertex_normals(
     """
     faces = _array(faces, "faces", "(m, 3), m >= 1", 1, np.int64)
     require_range(faces, 0, len(vertices) - 1, "faces")
-    facets, corner = _Facets.from_arrays(vertices, faces), vertices[faces]
+    (units, double_areas, *_), corner = _Facets.from_arrays(vertices, faces), vertices[faces]
     # normals times twice the areas; the normal of a facet without area is nan, and its weight 0
-    double_areas = facets.double_areas
-    cross = np.where(double_areas > 0.0, facets.normals.T * double_areas, 0.0).T
+    cross = np.where(double_areas > 0.0, units.T * double_areas, 0.0).T
     normals = np.zeros_like(vertices)
     for i in range(3):
         weighted = cross

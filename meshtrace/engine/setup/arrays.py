@@ -361,12 +361,11 @@ def locator(surface: interface.MeshArrays, targets: Sequence[Target]) -> Locator
     # bins beyond the mesh would be empty
     low = [max(low[i], float(surface.low[i])) for i in range(2)]
     high = [min(high[i], float(surface.high[i])) for i in range(2)]
-    bounds = *low, *high
+    key = *low, *high
     faces, places = surface.faces, surface.vertices[:, :2]
-    for (old_faces, old_places), old_bounds, bins_of_old in tuple(_recent_bins):
-        same_places = bounds == old_bounds and np.array_equal(old_places, places)
-        if same_places and np.array_equal(old_faces, faces):
-            return bins_of_old
+    for (old_faces, old_places), old, known in tuple(_recent_bins):
+        if key == old and np.array_equal(old_places, places) and np.array_equal(old_faces, faces):
+            return known
     # bins of 0.1, the default spacing of facets (`Link.footprint`), and at most 400 along a side
     width = max(high[0] - low[0], high[1] - low[1])
     step = max(0.1, width / 400.0)
@@ -379,7 +378,7 @@ def locator(surface: interface.MeshArrays, targets: Sequence[Target]) -> Locator
     np.cumsum(start, out=start)
     grid = grid._replace(facet=np.empty(start[-1], np.int32))
     fill_bins(surface, grid, bins, start[:-1].copy())
-    _recent_bins.append(((faces, places.copy()), bounds, grid))
+    _recent_bins.append(((faces, places.copy()), key, grid))
     return grid
 
 

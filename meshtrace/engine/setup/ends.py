@@ -42,8 +42,6 @@ _REVERSIBLE = ("snell", "direction", "fresnel", "free_path", "fov")
 # tan(widest angle) diverges for views of a hemisphere: tuned caps of angle and reach
 _WIDEST = math.radians(88.0)
 _FARTHEST = 200.0  # in the unit of the frame; a link is up to some 16 units high
-# crossings may lie this far below still water, in a trough, and widen the reach
-_TROUGH = 2.0  # in the unit of the frame
 # placeholder in the field `lamp` of apertures, which kernels do not read
 _NO_LAMP = Emitter(ORIGIN, ORIGIN, kind=int(SourceKind.ISOTROPIC), spread=0.0, norm=0.0)
 
@@ -108,8 +106,8 @@ def require_height_field(mesh: TriangleMesh) -> None:
     """Refuse a surface with more than one crossing on a vertical."""
     if not mesh.single_valued:
         overhangs = Described(f"overhangs ({mesh.facing_down} facets face down)")
-        analog = ANALOG.removeprefix("else ")
-        raise Refused("sea.mesh", overhangs, f"a height field; overhangs need {analog}")
+        # [5:] leaves out "else "
+        raise Refused("sea.mesh", overhangs, f"a height field; overhangs need {ANALOG[5:]}")
 
 
 def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
@@ -253,7 +251,7 @@ def require_followable(link: Link) -> None:
     """Refuse features that neither chains nor joined photons follow."""
     down = any(isinstance(t, AirLamp) for t in link.transmitters)
     source_type, receiver_type = (AirLamp, WaterReceiver) if down else (WaterSource, Receiver)
-    source_side, receiver_side = ("air", "water") if down else ("water", "air")
+    source_side, end_side = ("air", "water") if down else ("water", "air")
     for path, item in link.items():
         if isinstance(item, source_type):
             if item.spread_deg < _NARROWEST:
@@ -262,8 +260,7 @@ def require_followable(link: Link) -> None:
         elif isinstance(item, Source):
             raise Refused(path, Described(item.kind), f"a source in the {source_side}; {ANALOG}")
         elif not isinstance(item, receiver_type):
-            allowed = f"a receiver in the {receiver_side}; {ANALOG}"
-            raise Refused(path, Described(item.kind), allowed)
+            raise Refused(path, Described(item.kind), f"a receiver in the {end_side}; {ANALOG}")
         # chains of a downlink start in the field of view, as in the cone of a source
         elif down and item.fov_deg < _NARROWEST:
             allowed = f">= {_NARROWEST:g} deg; {ANALOG}"
@@ -373,13 +370,13 @@ def lamp_target(lamp: AirLamp, link: Link, frame: arrays.Frame = arrays.IDENTITY
     Its field of view ends where the intensity has fallen to 1e-7 of that on the axis.
     """
     center = _placed(lamp, frame)
-    kind, spread = arrays.pattern_of(lamp)
-    widest_angle = spread  # of a top hat
+    # the spread: the widest angle of a top hat, the order of an LED, the 1/e^2 angle of a Gaussian
+    kind, widest_angle = arrays.pattern_of(lamp)
     # I = I_0 cos^m(theta), or I_0 exp(-2 theta^2 / spread^2), solved for I = 1e-7 I_0
     if kind == SourceKind.LED:
-        widest_angle = math.acos(_NEGLIGIBLE ** (1.0 / spread))
+        widest_angle = math.acos(_NEGLIGIBLE ** (1.0 / widest_angle))
     elif kind == SourceKind.GAUSSIAN_BEAM:
-        widest_angle = spread * math.sqrt(-0.5 * math.log(_NEGLIGIBLE))
+        widest_angle *= math.sqrt(-0.5 * math.log(_NEGLIGIBLE))
     widest = min(widest_angle + math.radians(lamp.tilt_deg), _WIDEST)
     return Target(
         center=center,
@@ -391,7 +388,8 @@ def lamp_target(lamp: AirLamp, link: Link, frame: arrays.Frame = arrays.IDENTITY
         radius=0.0,
         cos_half_fov=max(math.cos(widest_angle), 0.0),
         tan_half_fov=0.0,
-        reach=min((center.z + _TROUGH) * math.tan(widest), _FARTHEST),
+        # + 2.0: crossings may lie 2 units of the frame below still water, in a trough
+        reach=min((center.z + 2.0) * math.tan(widest), _FARTHEST),
         sin_widest=math.sin(widest),
         is_lamp=True,
         lamp=emitter_of(lamp, frame),
@@ -414,8 +412,8 @@ def target_of(receiver: Any, frame: arrays.Frame = arrays.IDENTITY) -> Target:
         # exactly 0 for a hemisphere: light that grazes the aperture is inside despite rounding
         cos_half_fov=0.0 if half >= math.pi / 2.0 else math.cos(half),
         tan_half_fov=math.tan(min(half, 1.55)),  # capped at 88.8 deg: finite for a hemisphere
-        # the disk widens the reach by its radius; twice that, as a margin
-        reach=min((abs(center.z) + _TROUGH) * math.tan(widest), _FARTHEST) + 2.0 * radius,
+        # + 2.0: a trough, as in `lamp_target`; the disk adds its radius, and again as a margin
+        reach=min((abs(center.z) + 2.0) * math.tan(widest), _FARTHEST) + 2.0 * radius,
         sin_widest=math.sin(widest),
         is_lamp=False,
         lamp=_NO_LAMP,
