@@ -105,7 +105,7 @@ def read_run(table: Table, link: Link) -> Run:
 
 
 _SHARED = ("spectrum", "wavelength_nm")
-"""Fields of `Water` that are not keys of [water]: keys of a spectrum and [transmitter] give them."""
+"""Fields of `Water` that are not keys of [water]: its spectrum and [transmitter] give them."""
 
 
 def _water(table: Table, wavelength_nm: float, printed: bool) -> Water:
@@ -336,7 +336,7 @@ def _defaults(model: str) -> Table:
 
 
 def daylight_values(day: Daylight) -> dict[str, float]:
-    """Return the real-valued keys of [daylight] and their values, defaults of its model included."""
+    """Return the real-valued keys of [daylight] and their values, model defaults included."""
     table: Any = daylight_config(day)
     model, values = table["model"], {key: getattr(day, key) for key in ("foam_reflectance", *SUN)}
     if table.keys().isdisjoint(_IRRADIANCES):
