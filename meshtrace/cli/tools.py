@@ -258,8 +258,8 @@ def water(
             conflict = Described(f"{link or set_} beside options of a water")
             raise Refused("link", conflict, "one of them")
         spectrum = spectrum_of(keys if file is None else keys | {"file": str(file)})
-        # a `Water` needs a wavelength, here 470 nm or the nearest within the limits of its spectrum;
-        # the spectra do not depend on it
+        # a `Water` needs a wavelength, 470 nm or the nearest that its spectrum has; its spectra do
+        # not depend on it
         low, high = spectrum.limits_nm
         sample = mt.Water(spectrum=spectrum, wavelength_nm=min(max(low, 470.0), high))
     else:
