@@ -168,7 +168,7 @@ class Scenario(Model, frozen=True):
         folder: str | Path = ".",
         trust: bool = False,
     ) -> Self:
-        """Build the scenario that plain data describes, in the keys of a link file.
+        """Build a scenario from plain data with the keys of a link file.
 
         `folder` and `trust` are those of `from_toml`.
 
@@ -254,7 +254,7 @@ class Scenario(Model, frozen=True):
         )
 
     def to_config(self) -> files.Table:
-        """Return the full configuration as plain data, in the keys of a link file.
+        """Return the full configuration as plain data with the keys of a link file.
 
         Keys that follow `wind_speed`, the water or the transmitter are left out.
         """
