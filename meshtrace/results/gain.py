@@ -109,7 +109,7 @@ class ChainCounts(NamedTuple):
 # Ratio of `mesh_error` to `gain_stderr` above which a summary shows the former. Tuned: added in
 # quadrature the two are hypot(1, 0.5) = 1.12 standard errors, too little more to change a decision.
 _MESH_ERROR_SHOWN = 0.5
-_EACH = Variable("receiver")
+_PER_RECEIVER = Variable("receiver")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -160,13 +160,13 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
         Irradiance on a plane in the air.
     """
 
-    gain: Annotated[Values, _EACH]
-    gain_stderr: Annotated[Values, _EACH]
+    gain: Annotated[Values, _PER_RECEIVER]
+    gain_stderr: Annotated[Values, _PER_RECEIVER]
     photons: int
     fates: Annotated[dict[str, FateTally], Elsewhere()]
     provenance: dict[str, Any]
-    gain_ballistic: Annotated[Values | None, _EACH] = None
-    gain_scattered: Annotated[Values | None, _EACH] = None
+    gain_ballistic: Annotated[Values | None, _PER_RECEIVER] = None
+    gain_scattered: Annotated[Values | None, _PER_RECEIVER] = None
     rays_recast: int = 0
     rays_lost: int = 0
     chains: Annotated[ChainCounts | None, Columns(ChainCounts, "chains")] = None
@@ -176,10 +176,10 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
     reflected: Annotated[
         list[ScatteredSamples], Columns(ScatteredSamples, "reflected", "receiver")
     ] = field(default_factory=list)
-    gain_bound: Annotated[Values | None, _EACH] = None
-    gain_reflected: Annotated[Values | None, _EACH] = None
-    gain_reflected_stderr: Annotated[Values | None, _EACH] = None
-    mesh_error: Annotated[Values | None, _EACH] = None
+    gain_bound: Annotated[Values | None, _PER_RECEIVER] = None
+    gain_reflected: Annotated[Values | None, _PER_RECEIVER] = None
+    gain_reflected_stderr: Annotated[Values | None, _PER_RECEIVER] = None
+    mesh_error: Annotated[Values | None, _PER_RECEIVER] = None
     gain_order: Annotated[Floats | None, Variable("receiver", "order")] = None
     arrivals: Annotated[ArrivalTally | None, Part(ArrivalTally)] = None
     planes: Annotated[Planes | None, Part(Planes)] = None
@@ -201,7 +201,7 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
         with np.errstate(divide="ignore"):
             return like(self.gain, 10.0 * np.log10(self.gains))
 
-    def _each(self, name: str) -> list[float]:
+    def _per_receiver(self, name: str) -> list[float]:
         """Return the values of a field for each receiver, nan if the field is None."""
         value = getattr(self, name)
         numbers = np.broadcast_to(math.nan if value is None else value, self.gains.shape)
@@ -209,7 +209,7 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
 
     def _headline(self) -> str:
         # `not bound > 0.0` is true of nan, too: a receiver without a bound
-        receivers = zip(self.gains, self.stderrs, self._each("gain_bound"), strict=True)
+        receivers = zip(self.gains, self.stderrs, self._per_receiver("gain_bound"), strict=True)
         parts = [
             f"gain {gain:.4e} +- {stderr:.1e}" if gain or not bound > 0.0 else self._dark(bound)
             for gain, stderr, bound in receivers
@@ -272,7 +272,7 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
         lines = []
         names = "gain", "gain_stderr", "gain_bound", "mesh_error"
         parts = "gain_ballistic", "gain_reflected"
-        columns = zip(*(self._each(name) for name in (*names, *parts)), strict=True)
+        columns = zip(*(self._per_receiver(name) for name in (*names, *parts)), strict=True)
         for i, (gain, stderr, bound, mesh_error, ballistic, reflected) in enumerate(columns):
             name = "channel gain" if np.ndim(self.gain) == 0 else f"channel gain [{i}]"
             if not gain > 0.0:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _MOST_LISTED = 50  # gains that a summary lists where there are too few for statistics: tuned
 _NOISE_REPORTED = 0.05  # share of the variance from which noise gets a note: tuned
-_EACH = Variable("step", "receiver")
+_PER_STEP = Variable("step", "receiver")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,9 +59,9 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
 
     along: Literal["time", "realization"]
     coordinate: Annotated[NDArray[Any], Variable("step", name="step")]
-    gain: Annotated[Floats, _EACH]
-    gain_stderr: Annotated[Floats, _EACH]
-    gain_ballistic: Annotated[Floats, _EACH]
+    gain: Annotated[Floats, _PER_STEP]
+    gain_stderr: Annotated[Floats, _PER_STEP]
+    gain_ballistic: Annotated[Floats, _PER_STEP]
     mean_stderr: Any
     provenance: dict[str, Any] = field(default_factory=dict)
 

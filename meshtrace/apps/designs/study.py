@@ -322,7 +322,7 @@ class _Study(LinkModel):
         self, period: Period, key: str, values: Floats, reserves: Floats, errors: Floats,
         merit: Floats | None = None,
     ) -> Scan:  # fmt: skip
-        """Return a scan with its best value, of highest reserve or, if given, of highest `merit`."""
+        """Return a scan with its best value: highest reserve or, if given, highest `merit`."""
         present = self._present(key)
         permitted, notes = np.ones(len(values), bool), []
         score, at_present = reserves, self.reserve(period)
