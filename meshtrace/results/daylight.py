@@ -291,8 +291,8 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
         Notes
         -----
         A flash is counted where it begins. One that has begun before the first time adds its
-        duration but no flash, so that rate times duration is the share of times above the
-        threshold.
+        duration but no flash, so that rate times duration is the share of the n times above the
+        threshold, times n / (n - 1).
         """
         step = self._step()
         k = require_finite(thresholds, "thresholds", "numbers > 0")

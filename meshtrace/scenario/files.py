@@ -152,7 +152,7 @@ def with_unset_keys(text: str, more: str) -> str:
 
     lines = filled(text)
     further = filled(more)
-    # `filled` has taken the keys of tables that both texts have: tables in neither are left
+    # `filled` has popped the tables of both texts: those in neither are left
     for name, keys in unset.items():
         further += ["", f"[{name}]", *keys]
     # as comments: tables that the link lacks would change it
@@ -166,7 +166,7 @@ _WORDS = {"sea": "", "water": "", "run": "", "bubbles": "model", "whitecaps": "m
 
 
 def located(config: Mapping[str, Any], folder: str | Path) -> Table:
-    """Return a copy of nested tables whose paths `file`, relative to a folder, include it."""
+    """Return a copy of nested tables with a folder prepended to the paths at keys `file`."""
     copies = [tables := dict(config)]
     for table in copies:  # the list grows by the tables inside each
         for key, value in table.items():

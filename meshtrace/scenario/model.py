@@ -243,7 +243,7 @@ class Scenario(Model, frozen=True):
         link = Link.model_validate(files.as_table(provenance["link"], "link"))
         surface = seas.surface_from_provenance(provenance)
         estimator = Estimator.member(options.get("estimator", "forced"), "run.estimator")
-        # `options` is flat, with those of `Meshing` and further numbers of the run among them
+        # `options` is one flat table, which also has those of `Meshing` and further entries
         run_keys = {*Run.model_fields, *estimator.model_fields} - {"threads"}
         return cls(
             wind_speed=seas.wind_of(link, surface),

@@ -93,7 +93,7 @@ def _is_record(sea: Table) -> bool:
 def read_surface(
     sea: Table, sampling: Iterable[str], wind_speed: float, folder: Path, printed: bool
 ) -> Any:
-    """Return the surface that [sea] describes without its keys `sampling`, which are the mesh's.
+    """Return the surface that [sea] describes without its keys `sampling`, which are for the mesh.
 
     With `printed`, a sea of a spectrum has the equally spaced waves of the paper unless the table
     names others. Paths of meshes are relative to `folder`.
