@@ -348,8 +348,8 @@ class OokLink(Model, frozen=True):
         # `background_power` has the flat filter in it: divided out [W nm-1], since the integral
         # [nm] of `background_counted` has the filter over the spectrum
         per_nm = power / (optics.equivalent_width_nm * optics.peak_transmission)
-        integral_nm = background_counted(self, background_nm, irradiance)
-        return per_nm * integral_nm / photon_energy(1e-9 * background_nm)
+        energy = photon_energy(1e-9 * background_nm)
+        return per_nm * background_counted(self, background_nm, irradiance) / energy
 
     def levels(self, power: ArrayLike) -> tuple[Floats, Floats]:
         """Return the primary count rates of long zeros and long ones [s-1].
