@@ -147,7 +147,7 @@ def remove_noise(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> Float
 
 
 class Estimate(NamedTuple):
-    """A value with its confidence interval; ``float(estimate)`` is the value."""
+    """Value with its confidence interval; ``float(estimate)`` is the value."""
 
     value: float
     low: float
