@@ -449,8 +449,8 @@ def compound_poisson_decision(
     Notes
     -----
     The amplitudes of single counts are rounded to a lattice of 65536 values that spans the
-    sample's range; the largest lies on it. With means of more than about 10000 counts the lattice
-    becomes too coarse for a single count.
+    sample's range; the largest lies on it. Means of more than about 10000 counts are too many: a
+    single count then spans few of its steps.
     """
     if not low < high:
         raise Refused("low", low, f"low < high = {high:g}")

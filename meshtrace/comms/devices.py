@@ -192,7 +192,8 @@ class SiPM(Model, frozen=True):
         photons : array_like
             Photons on the device n_ph, any shape.
         wavelength : float
-            Wavelength [m], for an efficiency given by a table.
+            Wavelength [m], which matters for an efficiency from a table only; by default that of
+            `LedDriver`.
         """
         n = self.n_spads
         return -n * np.expm1(-self._pde(wavelength) * np.asarray(photons, dtype=float) / n)

@@ -345,8 +345,8 @@ class OokLink(Model, frozen=True):
         daylight = background.provenance.get("daylight")
         # without a record of the daylight its spectrum counts as flat
         irradiance = Daylight.model_validate(daylight).spectrum if daylight else np.ones_like
-        # `background_power` has the flat filter in it: divided out [W nm-1], since the integral
-        # [nm] of `background_counted` has the filter over the spectrum
+        # `background_power` takes the spectrum as flat over the filter. Its width and transmission
+        # are divided out [W nm-1]: the integral of `background_counted` [nm] has the filter in it.
         per_nm = power / (optics.equivalent_width_nm * optics.peak_transmission)
         energy = photon_energy(1e-9 * background_nm)
         return per_nm * background_counted(self, background_nm, irradiance) / energy
@@ -367,9 +367,9 @@ class OokLink(Model, frozen=True):
         return self.sipm.saturated_rate(low), self.sipm.saturated_rate(high)
 
     def shot_levels(self, power: ArrayLike) -> tuple[Floats, Floats]:
-        """Return the Poisson rates with the shot noise of long zeros and long ones [s-1].
+        """Return the rates of Poisson counts with the shot noise of long zeros and ones [s-1].
 
-        These are `levels`, with renewal noise times the Fano factor of saturated cells.
+        These are `levels`, times the Fano factor of saturated cells if the noise is renewal noise.
 
         Parameters
         ----------
@@ -416,7 +416,7 @@ class OokLink(Model, frozen=True):
     def equalized(self, count: Annotated[int, Field(ge=1, le=2**20)]) -> NDArray[np.bool_]:
         """Return which of the bits, ordered as in `patterns`, decision feedback removes (count,).
 
-        These are the earlier ones, which the receiver has already decided.
+        These are the earlier ones, which the receiver has already decided; none without equaliser.
         """
         column = np.arange(count)
         earlier = (column > 0) & (column < count - self.filters.bits_ahead(self.bit_time))
@@ -586,8 +586,8 @@ def _required_power(link: OokLink, ber: float) -> float:
         return math.log(max(float(link.ber(power)), 1e-300) / ber)
 
     receiver = link.receiver
-    # Closed by intersymbol interference, the eye stays closed at any power: one error rate without
-    # saturation and nearly without noise tells, and spares the search.
+    # An eye that intersymbol interference closes stays closed at any power. One error rate, at the
+    # greatest power and without saturation, tells so and spares the search.
     if receiver.has_pulses and not receiver.exact_counts:
         unlimited = link.model_copy(update={"saturation": False})
         if float(unlimited.ber(_MOST_POWER)) >= ber:
@@ -598,7 +598,7 @@ def _required_power(link: OokLink, ber: float) -> float:
 def _crossing(excess: Callable[[float], float], start: float) -> float:
     """Return the first power at which `excess` falls below 0, or inf [W].
 
-    The power grows from `start` [W], where `excess` is not negative, by factors of 4.
+    It is sought upwards from `start` [W], where `excess` is not negative, in factors of 4.
     """
     from scipy.optimize import brentq
 

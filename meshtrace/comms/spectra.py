@@ -141,7 +141,7 @@ def _ook(value: Any) -> Any:
     return value
 
 
-Transmission = Annotated[Any, pydantic.AfterValidator(_ook)]
+Transmission = Annotated[Any, pydantic.AfterValidator(_ook)]  # an `OokLink`
 
 Share = Annotated[float | Curve, pydantic.WrapValidator(_share_or_curve)]
 """A share, or shares over wavelength."""
@@ -213,9 +213,9 @@ def lit_band(ook: Transmission) -> tuple[float, float]:
     if led.spectrum is not None:
         low, *_, high = led.spectrum.wavelength_nm
     first, last = ook.optics.band(signal_nm)
-    # slanted light passes at shorter wavelengths
+    # light at oblique incidence passes at shorter wavelengths
     first *= float(_factors(_view(ook.optics.fov_deg), ook.optics.filter_index).min())
-    # the signal's wavelength is always inside
+    # a filter that misses the signal's wavelength is widened up to it
     return max(low, min(first, signal_nm)), min(high, max(last, signal_nm))
 
 

@@ -262,7 +262,7 @@ def _covariance(
     """
     variance = np.array(spectrum.along_and_across)
     scale = math.sqrt(lever.beta**2 * (variance.max() + max(missing)) + lever.aperture**2)
-    low = 1e-4 * min(scale, lever.aperture)  # the area within is negligible
+    low = 1e-4 * min(scale, lever.aperture)  # the disk within is left out
     # both densities have vanished beyond 25 of their widths
     distance = spectrum.distances(low, 25.0 * scale, _DISTANCES)
     nodes, weights = gauss_legendre(_AZIMUTHS)
