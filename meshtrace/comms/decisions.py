@@ -111,7 +111,7 @@ def gaussian_decision(m0: ArrayLike, m1: ArrayLike, v0: _Variance, v1: _Variance
     Parameters
     ----------
     m0, m1 : array_like
-        Means of zero and one, m1 > m0.
+        Means of zero and one, m1 >= m0.
     v0, v1 : array_like
         Their variances, > 0.
 
@@ -428,7 +428,7 @@ def compound_poisson_decision(
     Parameters
     ----------
     low, high : float
-        Primary counts during long zeros and long ones [s-1], 0 < low < high.
+        Primary counts during long zeros and long ones [s-1], 0 <= low < high.
     filters : PulseFilters
         Poles and window.
     bit_time : float

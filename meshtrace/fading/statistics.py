@@ -330,7 +330,7 @@ def _series_part(
 
 
 def _trials(below: Floats, n_effective: float) -> float:
-    """Return the number of independent samples for the outage, by indicators of gains below it."""
+    """Return the number of independent samples for an outage; `below` (n,) is 1 in it, else 0."""
     if n_effective == below.size or not 0.0 < below.mean() < 1.0:
         return n_effective
     # rare outages decorrelate faster than the gain, so that their autocorrelation counts
