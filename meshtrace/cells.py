@@ -1,4 +1,4 @@
-"""Split texts, arrays and data frames into columns of cells, with the text above them."""
+"""Columns of cells of texts, arrays and data frames, with the headings and comments above them."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from meshtrace.errors import (
     warn_of_input,
 )
 
-_LARGEST = 16 * 2**20  # bytes
-_MOST_COMMENTS = 10_000  # each of which may be a heading
+_LARGEST = 16 * 2**20  # bytes of a text file
+_MOST_COMMENTS = 10_000  # of a text: each is tried as a heading, which takes time
 TEXT = "a text file of columns of numbers"
 SEPARATORS = (";", "\t", ",", " ")
 _COMMENTS = ("#", "%", "!", "//")
@@ -39,9 +39,10 @@ Floats = NDArray[np.float64]
 class Cells:
     """Cells of a table by columns, and the texts above them.
 
-    Columns are sequences of words, or arrays with nan for missing numbers. `places` are the lines
-    of a file, or the rows of an array from 1 on. `heads` are lines of words above the columns,
-    `remarks` the comments before them, `labels` the names of the columns of a data frame.
+    A column is a sequence of words, or an array with nan for missing numbers. `places` are the
+    line numbers in a file, or the row numbers in an array, from 1 on; `place` says which, for error
+    messages. `heads` are the heading lines above the columns, `remarks` the comments before the
+    first row, `labels` the names of the columns of a data frame or a structured array.
     """
 
     name: str
@@ -57,12 +58,12 @@ class Cells:
     notes: list[str] = field(default_factory=list)
 
     def numbers(self, index: int, text: str = "") -> Floats:
-        """Return a column as numbers, nan where they are missing."""
+        """Return a column as numbers, nan where missing; errors name its heading, `text`."""
         column = self.columns[index]
         if isinstance(column, np.ndarray):
             return column
         try:
-            # numpy reads 1_000 as a number, and 1,5 not at all
+            # the slow way by words: numpy accepts 1_000, which is refused here, and refuses 1,5
             if self.decimal_comma or any("_" in word for word in column):
                 raise ValueError
             return np.array(column, dtype=np.float64)
@@ -70,6 +71,7 @@ class Cells:
             return np.array([self._number(row, index, text) for row in range(len(column))])
 
     def _number(self, row: int, index: int, text: str) -> float:
+        """Return a word as a number, nan if it stands for a missing one."""
         word = self.columns[index][row].strip()
         if word.lower() in _MISSING:
             return np.nan
@@ -92,13 +94,13 @@ class Cells:
         return values
 
     def refused(self, row: int, index: int, text: str, problem: str, allowed: str) -> Refused:
-        """Return the refusal of a cell."""
+        """Return the refusal of a cell, with its place, for the caller to raise."""
         where = f"{self.place} {self.places[row]}, column {text or index + 1}"
         kind = TEXT if self.place == "line" else "columns of numbers"
         return Refused(self.name, Described(f"{where}: {problem}"), f"{kind}, {allowed}")
 
     def counts(self, index: int) -> bool:
-        """Return whether a column holds the numbers of the rows, starting at 0 or 1."""
+        """Return whether a column merely counts its rows, from 0 or 1 on."""
         try:
             values = self.numbers(index)
         except Refused:
@@ -107,13 +109,13 @@ class Cells:
         return first in (0.0, 1.0) and np.array_equal(values, first + np.arange(len(values)))
 
     def tell(self) -> None:
-        """Warn in one line of what was converted or left out."""
+        """Warn, in one line, of what was converted or left out."""
         if self.notes:
             warn_of_input(f"{self.name}: {'; '.join(self.notes)}")
 
 
 def _reads(word: str, comma: bool = True) -> bool:
-    """Return whether a word is a number, of Fortran or with a decimal comma included."""
+    """Return whether a word is a number, also of Fortran or, with `comma`, with a decimal comma."""
     plain = _FORTRAN.sub(r"\1e\2", word)
     return reads_as_number(plain) or (comma and bool(_DECIMAL_COMMA.fullmatch(plain)))
 
@@ -128,12 +130,13 @@ def cells_of(
     source, name, delimiter
         As in `tables.read_columns`; masked entries of arrays are missing.
     heads : int, optional
-        Number of lines of headings in a text, by default those without numbers.
+        Number of heading lines in a text; by default those without numbers at the top.
     """
     if isinstance(source, str | PathLike):
         return cells_of_text(text_of(source), str(source), delimiter, heads)
     if hasattr(source, "columns") and hasattr(source, "iloc"):
         return _cells_of_frame(source, name)
+    # of xarray, pint and astropy: units and coordinates would be lost
     if hasattr(source, "dims") or hasattr(source, "units") or hasattr(source, "unit"):
         problem = Described(f"{type(source).__name__} with attributes")
         raise Refused(name, problem, "a path, a plain array or a data frame")
@@ -163,7 +166,8 @@ def text_of(path: str | PathLike[str], errors: str = "strict") -> str:
 def cells_of_text(
     text: str, name: str, delimiter: str | None = None, heads: int | None = None, first: int = 1
 ) -> Cells:
-    """Return the cells of a text whose first line has the number `first`."""
+    """Return the cells of a text; its first line has the number `first` in its file."""
+    # (line number, line without comment)
     lines, comments = list[tuple[int, str]](), list[tuple[int, str]]()
     for number, line in enumerate(re.split(r"\r\n|\r|\n", text), first):
         if line.lstrip(" \t").startswith(_COMMENTS):
@@ -175,14 +179,14 @@ def cells_of_text(
     if len(comments) > _MOST_COMMENTS:
         problem = Described(f"{len(comments)} comments")
         raise Refused(name, problem, f"{TEXT}, of {_MOST_COMMENTS} comments at most")
-    # the last line is the one that is least likely to be a heading
+    # judged by the last line, which is least likely to be a heading
     separator = delimiter or _separator(lines[-1][1])
     lines_of_words = [split(line, separator) for _, line in lines]
     above = _heads(lines_of_words) if heads is None else heads
     body, places = lines_of_words[above:], [number for number, _ in lines[above:]]
     if not body:
         raise Refused(name, Described(f"no numbers below {lines[-1][1]}"), TEXT)
-    # lines that end with the separator have no further column
+    # a separator at the end of every line does not begin a further column
     if all(len(row) > 1 and row[-1] == "" for row in body):
         body = [row[:-1] for row in body]
     return Cells(
@@ -192,18 +196,19 @@ def cells_of_text(
         [line for _, line in lines[:above]],
         [line for number, line in comments if number < places[0] and line],
         separator=separator,
+        # between other separators a comma separates words
         decimal_comma=separator in (";", "\t")
         and any(_DECIMAL_COMMA.fullmatch(word) for row in body for word in row),
     )
 
 
 def _even(lines_of_words: list[list[str]], places: Sequence[int], name: str) -> list[list[str]]:
-    """Return rows of equal length, without trailing remarks; refuse rows that lack a number."""
+    """Return rows of equal length, without words after the last column; refuse uneven rows."""
     width = min(map(len, lines_of_words))
     for place, row in zip(places, lines_of_words, strict=True):
         if not all(word[:1].isalpha() and not reads_as_number(word) for word in row[width:]):
-            short = places[[len(row) for row in lines_of_words].index(width)]
-            problem = Described(f"line {short}: {width} columns, line {place}: {len(row)}")
+            shortest = places[[len(row) for row in lines_of_words].index(width)]
+            problem = Described(f"line {shortest}: {width} columns, line {place}: {len(row)}")
             raise Refused(name, problem, f"{TEXT}, as many in each line")
     return [row[:width] for row in lines_of_words]
 
@@ -214,7 +219,7 @@ def split(line: str, separator: str) -> list[str]:
         text = " ".join(line.split()) if separator == " " else line
         try:
             words = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
-        except csv.Error:  # longer than it reads
+        except csv.Error:  # a field above the limit of the csv module
             words = line.split(separator)
     else:
         words = line.split(None if separator == " " else separator)
@@ -233,20 +238,21 @@ def _separator(line: str) -> str:
 
 
 def _heads(lines_of_words: list[list[str]]) -> int:
-    """Return the number of rows above the numbers: of words where the last row has numbers."""
+    """Return the number of heading lines: words where the last line has numbers."""
     of_numbers = [i for i, word in enumerate(lines_of_words[-1]) if _reads(word)]
+    # at most two: names and units
     for above, row in enumerate(lines_of_words[:3]):
         words = [row[i] for i in of_numbers if i < len(row)]
         if words and all(_reads(w) or w.lower() in _MISSING for w in words):
             return above
-    # the last row has a wrong word, or the first ones
+    # a wrong word in the last line or in the first rows: down to the first line with a number
     return next(
         (i for i, row in enumerate(lines_of_words) if any(map(_reads, row))), len(lines_of_words)
     )
 
 
 def _cells_of_frame(frame: Any, name: str) -> Cells:
-    """Return the cells of a data frame; an index with a name or of times is a column as well."""
+    """Return the cells of a data frame; its index is a column if it has a name or holds times."""
     import pandas as pd
 
     if isinstance(frame.columns, pd.MultiIndex) or isinstance(frame.index, pd.MultiIndex):
@@ -255,13 +261,13 @@ def _cells_of_frame(frame: Any, name: str) -> Cells:
         allowed = "units in the names of the columns, as in eta [mm]"
         raise Refused(name, Described("units in attributes"), allowed)
     columns = [(str(label), frame.iloc[:, i]) for i, label in enumerate(frame.columns)]
-    # an index with a name, or of times, holds data; one that pandas made does not
+    # such an index holds data, in contrast to the default of pandas
     if frame.index.name is not None or frame.index.dtype.kind in "mM":
         columns.insert(0, (str(frame.index.name or "time"), frame.index.to_series()))
     elif frame.index.dtype.kind == "f":
         problem = Described("an index without name")
         raise Refused(name, problem, "an index with the name of a column")
-    # numbers from 0 on are the labels of a frame that was made of an array
+    # pandas labels columns 0, 1, ... if none are given: no names
     has_names = len(columns) > frame.shape[1] or not isinstance(frame.columns, pd.RangeIndex)
     cells = Cells(
         name,
@@ -276,7 +282,7 @@ def _cells_of_frame(frame: Any, name: str) -> Cells:
 
 
 def _of_series(series: Any) -> Any:
-    """Return a column of a data frame as numbers, or as words if it holds others."""
+    """Return a column of a data frame as numbers, times as seconds, anything else as words."""
     import pandas as pd
 
     if series.dtype.kind in "mM":
@@ -292,6 +298,7 @@ def _cells_of_array(source: Any, name: str) -> Cells:
     if labels:
         source = np.ma.stack([np.ma.asarray(source[label]) for label in labels], axis=-1)
     allowed = "(rows, columns) of numbers"
+    # False: nothing is masked
     mask = np.ma.getmaskarray(source) if isinstance(source, np.ma.MaskedArray) else False
     array = require_array(np.ma.getdata(source) if labels or mask is not False else source,
                           name, allowed)  # fmt: skip

@@ -16,12 +16,12 @@ from meshtrace.errors import Described, Refused, require_array, require_range
 if TYPE_CHECKING:
     import trimesh
 
-FARTHEST = 1e6  # [m]: single precision and integers of bins hold such coordinates
+FARTHEST = 1e6  # largest coordinate [m]; single precision and integer bins still hold it
 
 
 @runtime_checkable
 class MeshSource(Protocol):
-    """A surface as meshes in time.
+    """Protocol of a surface that gives a mesh at any time.
 
     All lengths in m, times in s; z is up and still water lies at z = 0.
     """
@@ -61,7 +61,7 @@ class SurfaceModel(MeshSource, Protocol):
 
 @runtime_checkable
 class PlaneSurface(SurfaceModel, Protocol):
-    """A plane: facets of any size lie in it."""
+    """Protocol of a plane, which facets of any size represent exactly."""
 
     @property
     def gradient(self) -> tuple[float, float]:
@@ -89,7 +89,7 @@ class WaveSum(SurfaceModel, Protocol):
 
 
 def require_surface(surface: Any) -> None:
-    """Refuse all but a source of meshes and a mesh."""
+    """Refuse anything but a `MeshSource` or a `TriangleMesh`."""
     if not isinstance(surface, MeshSource | TriangleMesh):
         kind = Described(type(surface).__name__)
         raise Refused("surface", kind, "a sea (SurfaceModel) or a TriangleMesh")
@@ -140,7 +140,7 @@ class UnresolvedSlopes(NamedTuple):
 
 
 def _array(value: Any, name: str, shape: str, least: int, dtype: Any = float) -> NDArray[Any]:
-    """Return triples of numbers as an array."""
+    """Return a value as an array (n, 3), n >= `least`; `shape` is its text in a refusal."""
     array = require_array(value, f"mesh.{name}", f"an array {shape}", dtype)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) < least:
         raise Refused(f"mesh.{name}", Described(f"shape {array.shape}"), shape)
@@ -148,21 +148,21 @@ def _array(value: Any, name: str, shape: str, least: int, dtype: Any = float) ->
 
 
 class _Facets(NamedTuple):
-    """Unit normals of facets (m, 3), twice their areas (m,) [m2], and what follows from them."""
+    """Geometry of the facets of a mesh, computed in one pass."""
 
-    normals: NDArray[np.float64]
-    areas: NDArray[np.float64]
-    bounds: NDArray[np.float64]  # lowest and highest coordinates (2, 3) [m]
-    max_slope: float
+    normals: NDArray[np.float64]  # (m, 3) unit
+    double_areas: NDArray[np.float64]  # (m,) twice the areas [m2]
+    bounds: NDArray[np.float64]  # (2, 3) lowest and highest coordinates [m]
+    max_slope: float  # of the steepest facet
 
     @classmethod
     def from_arrays(cls, vertices: NDArray[np.float64], faces: NDArray[Any]) -> _Facets:
-        """Return the facets of a mesh."""
+        """Return the geometry of vertices (n, 3) [m] and faces (m, 3)."""
         from meshtrace.kernels.scene import facet_normals
 
-        normals, areas = np.empty((len(faces), 3)), np.empty(len(faces))
-        low, high, square = facet_normals(vertices, faces, normals, areas)
-        return cls(normals, areas, np.array([low, high]), math.sqrt(square))
+        normals, double_areas = np.empty((len(faces), 3)), np.empty(len(faces))
+        low, high, squared_slope = facet_normals(vertices, faces, normals, double_areas)
+        return cls(normals, double_areas, np.array([low, high]), math.sqrt(squared_slope))
 
 
 @check_call
@@ -195,19 +195,19 @@ def vertex_normals(
     """
     faces = _array(faces, "faces", "(m, 3), m >= 1", 1, np.int64)
     require_range(faces, 0, len(vertices) - 1, "faces")
-    facets, corner = _Facets.from_arrays(vertices, faces), vertices[faces]
-    # the normal of a facet without area is nan, and its weight is 0
-    cross = np.where(facets.areas > 0.0, facets.normals.T * facets.areas, 0.0).T
+    (units, double_areas, *_), corner = _Facets.from_arrays(vertices, faces), vertices[faces]
+    # normals times twice the areas; the normal of a facet without area is nan, and its weight 0
+    cross = np.where(double_areas > 0.0, units.T * double_areas, 0.0).T
     normals = np.zeros_like(vertices)
     for i in range(3):
-        share = cross
+        weighted = cross
         if weights == "angle":
             u, v = corner[:, (i + 1) % 3] - corner[:, i], corner[:, (i + 2) % 3] - corner[:, i]
-            # |u x v| is twice the area: tan = |u x v| / (u . v), exact near 0 and pi, too
-            angle = np.arctan2(facets.areas, np.einsum("ij,ij->i", u, v))
-            share = cross * (angle / np.where(facets.areas > 0.0, facets.areas, 1.0))[:, None]
-        # unbuffered: a corner belongs to several facets
-        np.add.at(normals, faces[:, i], share)
+            # |u x v| is twice the area: tan(angle) = |u x v| / (u . v), accurate near 0 and pi, too
+            angle = np.arctan2(double_areas, np.einsum("ij,ij->i", u, v))
+            weighted = cross * (angle / np.where(double_areas > 0.0, double_areas, 1.0))[:, None]
+        # `add.at` sums over repeated indices: a corner belongs to several facets
+        np.add.at(normals, faces[:, i], weighted)
     length = np.linalg.norm(normals, axis=1)
     normals[length == 0.0] = (0.0, 0.0, 1.0)
     length[length == 0.0] = 1.0
@@ -249,7 +249,8 @@ class TriangleMesh:
     def __post_init__(self) -> None:
         vertices = _array(self.vertices, "vertices", "(n >= 3, 3)", 3)
         faces = _array(self.faces, "faces", "(m >= 1, 3)", 1, None)
-        largest = float(np.abs(vertices).max())  # nan and inf are refused, too
+        largest = float(np.abs(vertices).max())
+        # "not <=": nan is refused, too
         if not largest <= FARTHEST:
             raise Refused("mesh.vertices", largest, f"coordinates within {FARTHEST:g} m")
         low, high = faces.min(), faces.max()
@@ -258,7 +259,8 @@ class TriangleMesh:
             raise Refused("mesh.faces", kind, f"integers 0..{len(vertices) - 1}")
         faces = faces.astype(np.int32, copy=False)
         object.__setattr__(self, "vertices", vertices)
-        # Kernels are compiled for one kind of array: faces of grids are shared and read-only.
+        # Read-only, as are the faces that grids of one shape share: kernels are compiled again for
+        # another kind of array. A view, so that the array of the caller stays as it is.
         faces = faces.view()
         faces.flags.writeable = False
         object.__setattr__(self, "faces", faces)
@@ -266,7 +268,7 @@ class TriangleMesh:
         if self.overhangs and not np.isfinite(up).all():
             flat = Described(f"{np.count_nonzero(~np.isfinite(up))} facets without area")
             raise Refused("mesh.faces", flat, "facets with an area")
-        # written so that nan, of a facet without area, is refused, too
+        # "not >": nan, of a facet without area, is refused, too
         if not self.overhangs and not up.min() > 0.0:
             down = Described(f"{np.count_nonzero(~(up > 0.0))} facets do not face up")
             allowed = "counter-clockwise facets of a height field (normal_z > 0)"
@@ -310,7 +312,7 @@ class TriangleMesh:
 
     @property
     def max_slope(self) -> float:
-        """Steepest facet slope: a ray that climbs faster cannot meet the surface again.
+        """Slope of the steepest facet: a steeper ray meets the surface at most once.
 
         Infinite if a facet stands upright or hangs over.
         """

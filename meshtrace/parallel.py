@@ -1,4 +1,4 @@
-"""Threads and processes: cores, ordered maps, their pace, free memory, BLAS, other Pythons."""
+"""Threads and processes: ordered maps, their pace, limits of BLAS, safe starts of Python."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ Options = ParamSpec("Options")
 
 
 _QUOTA = Path("/sys/fs/cgroup/cpu.max")
-"""Microseconds of processor time that a container of Linux may use in a period, and the period."""
+"""File "QUOTA PERIOD" of Linux: CPU time [us] that a container may use in each period [us]."""
 
 
 def cores() -> int:
-    """Return the number of cores that this process may use: of its affinity and its container."""
+    """Return the number of cores that the affinity and the container of this process allow."""
     if hasattr(os, "sched_getaffinity"):
         allowed = len(os.sched_getaffinity(0))
     else:
@@ -41,7 +41,7 @@ def cores() -> int:
 
 
 def default_threads(threads: int | None = None) -> int:
-    """Return the number of threads, 1 to 1024, by default all cores that the process may use."""
+    """Return a given number of threads, 1 to 1024, or by default all cores of the process."""
     if threads is None:
         return cores()
     require_whole(threads, 1, 1024, "threads")
@@ -56,15 +56,15 @@ class Start(NamedTuple):
 
 
 _SAFE = {"PYTHONSAFEPATH": "1"}
-"""With it a Python imports nothing from its working directory, nor from the folder of a script."""
+"""Environment in which Python imports nothing from its working directory or a script's folder."""
 
 
 def python_start(*arguments: str, env: Mapping[str, str] | None = None) -> Start:
-    """Return command line and environment of another Python.
+    """Return command line and environment to start another Python process.
 
-    All processes of Python are started by it, or within `safe_processes`: modules in the working
-    directory, which may be the folder of a stranger, are not run unasked. `import_modules` finds
-    those that a link file names and the user trusts.
+    Every Python process is started with these, or within `safe_processes`, so that modules in the
+    working directory, which may come from a stranger, are not imported by accident. Modules that a
+    link file names and the user trusts are found by `import_modules`.
 
     Parameters
     ----------
@@ -73,14 +73,14 @@ def python_start(*arguments: str, env: Mapping[str, str] | None = None) -> Start
     env : mapping, optional
         Environment, by default that of this process.
     """
-    # the option, too: it holds where variables are ignored
+    # -P as well: it holds where environment variables are ignored
     return Start([sys.executable, "-P", *arguments], dict(env or os.environ) | _SAFE)
 
 
 def import_path() -> str:
-    """Return the folders that this process imports from, for PYTHONPATH of another one.
+    """Return the folders that this process imports from, as the PYTHONPATH of another process.
 
-    That from which it was started is left out, unless this package lies there.
+    The working directory is left out, unless this package lies there.
     """
     here = os.path.realpath(os.getcwd())
     folders = [os.path.realpath(folder) for folder in sys.path if folder]
@@ -90,7 +90,7 @@ def import_path() -> str:
 
 @contextmanager
 def safe_processes() -> Iterator[None]:
-    """Start all Pythons of the block as `python_start` does, those of other packages, too."""
+    """Start all Pythons of a block as safely as `python_start`, also those of other packages."""
     before = {name: os.environ.get(name) for name in _SAFE}
     os.environ.update(_SAFE)
     try:
@@ -106,8 +106,8 @@ def safe_processes() -> Iterator[None]:
 def trim_memory() -> None:
     """Return free pages of the heap to the system, on Linux with glibc.
 
-    Arrays of a few hundred kB that differ from mesh to mesh fragment the heap: without it an
-    ensemble over resolved seas grows by half a megabyte for each of them.
+    Arrays of a few hundred kB that differ from mesh to mesh fragment the heap: otherwise an
+    ensemble over resolved seas grows by half a megabyte per sea.
     """
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
     if trim is not None:
@@ -115,25 +115,28 @@ def trim_memory() -> None:
 
 
 class _Blas:
-    """Threads of BLAS, held to one by works of any thread, one within another or side by side."""
+    """Limit of BLAS to one thread, counted: blocks may nest, or overlap in several threads."""
 
     def __init__(self) -> None:
-        self._turn, self._works = Lock(), 0
+        self._lock, self._holders = Lock(), 0
         self._limit: Any = None
 
     def hold(self) -> None:
-        with self._turn:
-            if self._works == 0:
+        """Set the limit, unless another block holds it already."""
+        with self._lock:
+            if self._holders == 0:
                 self._limit = _libraries("scipy.linalg" in sys.modules).limit(limits=1)
-            self._works += 1
+            self._holders += 1
 
     def leave(self) -> None:
+        """Lift the limit after the last block."""
         from threadpoolctl import OpenBLASController
 
-        with self._turn:
-            self._works -= 1
-            if self._works == 0:
-                # a limit can be lifted only by the thread that set it: the last work runs in any
+        with self._lock:
+            self._holders -= 1
+            if self._holders == 0:
+                # Only the thread that set a limit may lift it, but the last block may end in
+                # another: the controller forgets the thread.
                 OpenBLASController.clear_controlling_thread(force=True)
                 self._limit.restore_original_limits()
                 OpenBLASController.clear_controlling_thread()
@@ -144,9 +147,10 @@ _BLAS = _Blas()
 
 @cache
 def _libraries(scipy: bool) -> Any:
-    """Return the control of the BLAS of numpy and, once it is loaded, of scipy.
+    """Return the controller of the BLAS of numpy and, once loaded, of scipy.
 
-    It takes a millisecond to find them among all shared libraries.
+    Cached, as the search among all shared libraries takes a millisecond; `scipy`, whether it is
+    loaded, is a key of the cache.
     """
     from threadpoolctl import ThreadpoolController
 
@@ -155,10 +159,10 @@ def _libraries(scipy: bool) -> Any:
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Hold BLAS to one thread while a work runs, whose threads are those that its user asked for.
+    """Limit BLAS to one thread within a block: only threads that the user asked for work.
 
-    BLAS would keep all cores busy, by waiting for the most part, and the last digits of its
-    products may change with their number.
+    Otherwise BLAS occupies all cores, mostly by busy waiting, and the last digits of its products
+    may depend on their number.
     """
     _BLAS.hold()
     try:
@@ -168,7 +172,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def held(function: Callable[Options, Result]) -> Callable[Options, Result]:
-    """Return a function that runs with BLAS held to one thread."""
+    """Decorate a function to run with BLAS limited to one thread."""
 
     @wraps(function)
     def alone(*arguments: Options.args, **options: Options.kwargs) -> Result:
@@ -181,7 +185,7 @@ def held(function: Callable[Options, Result]) -> Callable[Options, Result]:
 def ordered_map(
     function: Callable[[Job], Result], jobs: Iterable[Job], threads: int, ahead: int = 2
 ) -> Iterator[Result]:
-    """Return an iterator of `function(job)` over the jobs in order, computed by several threads.
+    """Return an iterator over `function(job)`, in the order of the jobs, computed by threads.
 
     Parameters
     ----------
@@ -233,24 +237,25 @@ def _in_threads(
             for job in jobs:
                 pending.append(pool.submit(function, job))
                 if len(pending) >= ahead * threads:
-                    # no bound: work of this process, which only its own end can stop
+                    # no bound on the wait: a job of a thread ends only by itself
                     yield pending.popleft().result()
             while pending:
                 yield pending.popleft().result()
         finally:
-            # the consumer has stopped or failed: what has not begun is not wanted
+            # if the consumer has stopped or failed, jobs that have not begun are dropped
             for future in pending:
                 future.cancel()
 
 
 LONG = 120.0
-"""Expected time of a work that is announced [s]."""
+"""Expected time [s] above which a work is announced."""
 
-_MEASURED = 1.0  # [s] after the first result, which may have waited for compilation
+# [s] over which a pace is measured, from the first result, which may have waited for compilation
+_MEASURED = 1.0
 
 
 class LongWork(UserWarning):
-    """Expected time of a work that takes minutes or more."""
+    """Warning that a work is expected to take minutes or more."""
 
 
 def announce(seconds: float, work: str, least: float = LONG) -> None:
@@ -260,7 +265,7 @@ def announce(seconds: float, work: str, least: float = LONG) -> None:
 
 
 class Pace:
-    """Pace of a work, whose time is announced from the rate of its first results.
+    """Pace of a work: its first results tell how long all will take, which is announced.
 
     Parameters
     ----------
@@ -277,13 +282,13 @@ class Pace:
         self._measured = False
 
     def add(self, size: float = 1.0) -> None:
-        """Count a finished result of a size."""
+        """Count a finished result, of a size in the units of `total`."""
         if self._measured:
             return
         now, self._done = monotonic() - self._start, self._done + size
         self._first = self._first or (now, self._done)
         time, part = now - self._first[0], self._done - self._first[1]
-        if time < _MEASURED and now > LONG:  # compilation is a small part of it
+        if time < _MEASURED and now > LONG:  # a long first result: compilation hardly counts
             time, part = now, self._done
         if time >= _MEASURED:
             self._measured = True
@@ -296,7 +301,7 @@ def paced(
     work: str,
     size: Callable[[Result], float] = lambda _: 1.0,
 ) -> Generator[Result, None, None]:
-    """Yield results, and announce the time of all of them from the rate of the first ones.
+    """Yield results, and announce the expected time of all, by the rate of the first ones.
 
     Parameters
     ----------
@@ -314,7 +319,7 @@ def paced(
 
 
 def duration(seconds: float) -> str:
-    """Return a time in the largest unit that it fills.
+    """Return a time as text, in the largest unit that it reaches.
 
     Examples
     --------
@@ -328,12 +333,13 @@ def duration(seconds: float) -> str:
     return f"{seconds:.0f} s"
 
 
+# CPU seconds of the jobs of each map, within `job_times`
 _recorded: list[list[float]] | None = None
 
 
 @contextmanager
 def job_times() -> Iterator[list[list[float]]]:
-    """Record the CPU seconds of the jobs of each map that runs on one thread."""
+    """Record the CPU seconds of jobs, a list for each `ordered_map` that runs on one thread."""
     global _recorded
     times: list[list[float]] = []
     _recorded = times
@@ -346,14 +352,14 @@ def job_times() -> Iterator[list[list[float]]]:
 def _timed(
     function: Callable[[Job], Result], recorded: list[list[float]]
 ) -> Callable[[Job], Result]:
-    """Return a function that appends its CPU seconds to a new row."""
-    row: list[float] = []
-    recorded.append(row)
+    """Return the function, timed: each call appends its CPU seconds to a new list in `recorded`."""
+    seconds: list[float] = []
+    recorded.append(seconds)
 
     def timed(job: Job) -> Result:
         start = thread_time()
         result = function(job)
-        row.append(thread_time() - start)
+        seconds.append(thread_time() - start)
         return result
 
     return timed

@@ -1,4 +1,4 @@
-"""Applications of the instrument: each answers one question with the public names of meshtrace.
+"""Applications: each answers one question with the public names of meshtrace.
 
 The explorer; design, optimisation and inference; irradiance and caustics; channel traces and
 channel models; comparisons with measurements and with other codes.

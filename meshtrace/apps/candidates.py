@@ -86,14 +86,14 @@ class Goal:
         return self._ranges(at, sample) if self.objective == "range" else -self._logs(at, sample)
 
     def _lit(self, at: Variant, sample: Sample) -> tuple[Floats, OokLink | None]:
-        """Return the gains of a candidate and its receiver with background light."""
+        """Return the gains of a candidate, and its receiver exposed to background light."""
         gains = sample.gains(at)
         if self.objective == "gain":
             return gains, None
         return gains, self._lights.exposed(sample.responses.behind(at))
 
     def _cost(self, at: Variant, gains: Floats, weights: Floats) -> float:
-        """Return the number of a function, or the quantile of -ln(gain / need)."""
+        """Return the value of the user's function, or the quantile of -ln(gain / need)."""
         means = gains.mean(axis=-1)
         # seas count equally, places by the probability of their strata
         weights = np.tile(weights, len(means)) / len(means)
@@ -121,7 +121,7 @@ class Goal:
         return -cost if self.objective == "range" else self._rates.value(-cost)
 
     def error(self, cost: float, stderr: float) -> float:
-        """Return the standard error of the quantity by the error of the cost; nan for an outage."""
+        """Return the standard error of the quantity from that of the cost; nan for an outage."""
         if self.objective == "outage":
             return math.nan
         if callable(self.objective) or self.objective == "range":
@@ -129,7 +129,7 @@ class Goal:
         return stderr * self._rates.slope(self._rates.value(-cost))
 
     def _ranges(self, at: Variant, sample: Sample) -> Floats:
-        """Return minus the depths of an averaged error rate equal to the limit."""
+        """Return the negative depths at which the averaged error rate equals the limit."""
 
         def there(depth: float) -> Variant:
             return at._replace(link=at.link.at_depth(depth))

@@ -135,7 +135,7 @@ def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[Floats, dict[str, An
 
 
 def _memory_note(statistics: dict[str, Any], model: Floats, cause: str) -> list[str]:
-    """Return a note if the autocorrelation of a model differs from that of its series."""
+    """Return a note if the autocorrelation of a model deviates from that of its series."""
     deviation = model - statistics["autocorrelation"]
     worst = int(np.argmax(np.abs(deviation)))
     # a difference within three standard errors may be chance
@@ -214,7 +214,7 @@ class MarkovChannel(ChannelModel, kind="markov-channel", title="meshtrace Markov
         relative_to: Reference = "mean",
         seed: int = 1,
     ) -> Self:
-        """Return the chain of a series of gains.
+        """Fit a chain to a series of gains.
 
         Parameters
         ----------
@@ -462,7 +462,7 @@ class TransformedGaussian(
         threshold: float | None = None,
         seed: int = 1,
     ) -> Self:
-        """Return the generator of a series of gains.
+        """Fit a generator to a series of gains.
 
         Parameters
         ----------
@@ -567,18 +567,18 @@ def _hermite_powers(quantile: Floats) -> Floats:
 
 
 def _transformed(rho: Floats, power: Floats) -> Floats:
-    """Map correlations of the Gaussian series to those of the transformed series: Mehler's sum.
+    """Return the correlations of the transformed series for those `rho` of the Gaussian one.
 
-    `power[k - 1]` multiplies rho^k: the sum starts at k = 1.
+    Mehler's sum of power[k - 1] rho^k from k = 1, see `TransformedGaussian`.
     """
     return rho * np.polynomial.polynomial.polyval(rho, power)
 
 
 def _fade_correlation(rho: Floats, share: float) -> Floats:
-    """Map Gaussian correlations to those of the indicator of fades that fill `share` of the time.
+    """Return the correlations of the fade indicator (1 in a fade) for those of the Gaussian series.
 
-    `rho` ascend from -1 to 1. With dr = cos(angle) d(angle), r = sin(angle), the integrand of
-    `TransformedGaussian` loses its poles at r = -1 and 1.
+    Fades fill `share` of the time; `rho` ascend from -1 to 1. With dr = cos(angle) d(angle),
+    r = sin(angle), the integrand of `TransformedGaussian` loses its poles at r = -1 and 1.
     """
     from scipy import integrate, special
 

@@ -277,7 +277,7 @@ class _Fit:
         return np.sqrt(self._variance(prediction) + np.diag(prediction.covariance))
 
     def _residuals(self, log: Floats, around: Floats) -> Floats:
-        """Return predicted minus measured ln gain; of counts relative to a prediction `around`."""
+        """Return predicted minus measured ln gain; of counts the difference over exp(`around`)."""
         value, counted = self.data.value, self.data.counted
         counts = (np.exp(log) - value) * np.exp(-around)
         # counts may be 0, so that they are compared as they are and not by their logarithm

@@ -284,7 +284,7 @@ def _variables(
 
 
 class _Search:
-    """Search of the best candidate, all of whose candidates share the sample that `draw` makes."""
+    """Search for the best candidate; all candidates share the sample that `draw` makes."""
 
     def __init__(
         self, campaign: Campaign, goal: Goal, start: Variant, variables: list[Parameter],

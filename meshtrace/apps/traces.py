@@ -83,7 +83,7 @@ class ChannelTrace(Stored, kind="trace", title="meshtrace channel trace"):
 
     @property
     def rate(self) -> float:
-        """Frames per second [s-1]; nan of a single frame."""
+        """Frames per second [s-1]; nan for a single frame."""
         if len(self.time) < 2:
             return math.nan
         return (len(self.time) - 1) / float(self.time[-1] - self.time[0])

@@ -28,9 +28,10 @@ COMPILING = "compiling kernels (first run only)"
 def progress(
     total: float | None, doing: str = "over the seas", kernels: str = "forced", quiet: bool = False
 ) -> Iterator[Callbacks]:
-    """Yield two callbacks: set the status text, and advance the progress bar.
+    """Yield two callbacks: one sets the status text, the other advances the progress bar.
 
-    Warnings become lines of stderr. The status says so if kernels of these estimators will compile.
+    `kernels` names estimators, separated by spaces: if the kernels of one have yet to be compiled,
+    the first status says so. Without a terminal each status is a line of stderr.
     """
     from rich import progress as rich
     from rich.console import Console
@@ -57,7 +58,7 @@ def named_steps(
 ) -> Iterator[Callable[[str], None]]:
     """Yield a callback that takes the name of each step as it begins; see `progress`."""
     with progress(total, doing, kernels=kernels, quiet=quiet) as (say, advance):
-        # the first step ends no other one
+        # steps that end when another begins: none at the first
         ended = chain([0], repeat(1))
 
         def step(name: str) -> None:
@@ -70,7 +71,8 @@ def named_steps(
 def kernels_are_compiled(estimator: str) -> bool:
     """Return whether the kernels of an estimator are compiled, in this process or on disk.
 
-    Forced detection has one slow kernel for seas with random slopes and one for other surfaces.
+    The slowest kernels to compile are asked. Forced detection has one for seas with random slopes
+    and one for other surfaces: a run needs one of them, and either counts.
     """
     from meshtrace.engine.chains import gain
     from meshtrace.engine.photons import flight
@@ -81,17 +83,19 @@ def kernels_are_compiled(estimator: str) -> bool:
     return any(jit.is_compiled(kernel) for kernel in slowest[estimator])
 
 
-_LAST_WAIT = 5.0  # [s] for the end of a process that has been killed
+_LAST_WAIT = 5.0  # longest wait for the end of a process that has been killed [s], tuned
+# program of the second process: its arguments are those of `compile_ahead`
 _AHEAD = "import sys; from meshtrace.cli.console import compile_ahead as f; f(*sys.argv[1:])"
 
 
 @contextmanager
 def compiling_ahead(scenario: Scenario) -> Iterator[None]:
-    """Compile the kernels that evaluate chains in a second process while the block draws them.
+    """Compile kernels in a second process during a block that would compile all of them in turn.
 
-    Where that process cannot start, fails or is late, the block compiles all of them. numba
-    compiles one function at a time in a process. Both processes save what they compile, and find
-    what the other has saved.
+    The second process begins with the kernels that evaluate chains, the block with those that draw
+    them: numba compiles one function at a time in a process. Both save what they compile, and load
+    what the other has saved, so that the block compiles what the second process has not, if that
+    cannot start, fails or is late.
     """
     from meshtrace.models import modules_of
     from meshtrace.parallel import default_threads, python_start
@@ -110,7 +114,7 @@ def compiling_ahead(scenario: Scenario) -> Iterator[None]:
     finally:
         if process is not None:
             process.kill()
-            # a dead file system may hold it
+            # a process that waits for a dead file system does not end when killed
             with suppress(subprocess.TimeoutExpired):
                 process.wait(_LAST_WAIT)
 
@@ -128,14 +132,17 @@ def compile_ahead(toml: str, *modules: str) -> None:
 
 @contextmanager
 def warnings_as_lines() -> Iterator[None]:
-    """Print each warning at once, as a line of stderr; those for programmers are left out."""
-    told: set[str] = set()
+    """Print each different warning as a line of stderr when it is raised.
+
+    Warnings for programmers, such as of deprecations, are left out.
+    """
+    printed: set[str] = set()
 
     def tell(message: Warning | str, *_: Any) -> None:
         # a loop over many seas would repeat its warnings
         line = one_line(message)
-        if line not in told:
-            told.add(line)
+        if line not in printed:
+            printed.add(line)
             typer.echo(f"warning: {line}", err=True)
 
     with warnings.catch_warnings():
@@ -147,7 +154,7 @@ def warnings_as_lines() -> Iterator[None]:
 
 
 def finite(value: Any) -> Any:
-    """Return numbers in tuples, mappings and arrays as plain data; null if not finite."""
+    """Return numbers in tuples, mappings and arrays as plain data; None if not finite."""
     if value is None or isinstance(value, str | bool):
         return value
     if hasattr(value, "_asdict"):
@@ -160,21 +167,21 @@ def finite(value: Any) -> Any:
 
 
 def check_output(output: Path | None, *inputs: Path | None, option: str = "--output") -> None:
-    """Check before the work that an optional output file can be written.
+    """Check, before anything is computed, that an optional output file can be written.
 
-    It replaces no link file, nor a mesh or spectrum that a link file names.
+    It must not replace a link file, nor a mesh or spectrum that a link file names.
     """
     if output is None:
         return
     named = (file for link in inputs if link is not None for file in _named_files(link))
     require_writable(output, [*inputs, *named], option)
-    # no result is TOML: the name of a link file is a slip, which would replace it
+    # no result is TOML: such a name is a slip, and would replace a link file
     if output.suffix.lower() == ".toml":
         raise Refused(option, str(output), "a path not ending in .toml")
 
 
 def _named_files(link: Path) -> Iterator[Path]:
-    """Yield every text of a link file as a possible path; its files are among them."""
+    """Yield every string in a link file as a path: those of its files are among them."""
     from meshtrace.scenario.files import parse_toml, read_text
 
     def texts(part: Any) -> Iterator[str]:
@@ -222,7 +229,7 @@ def draw(result: Any, path: Path | None, quiet: bool = False) -> None:
         from meshtrace.viz import plot, use_style
     use_style()
     plot(result)
-    # an interrupted command leaves the picture of before, not half of a new one
+    # an interrupted command leaves an earlier picture as it was, not half of a new one
     with atomic(path) as temporary:
         plt.savefig(temporary)
     plt.close()

@@ -20,7 +20,8 @@ from meshtrace.errors import Refused, extra, require_word
 if TYPE_CHECKING:
     import xarray as xr
 
-# Rows of a table printed at most, tuned; the store holds all.
+# Most lines of the table that `sweep` prints. Tuned: a long table pushes the rest of the output out
+# of view, and the store holds all points.
 _MOST_ROWS = 200
 
 
@@ -66,7 +67,7 @@ def coverage(
     """Map the gain over the plane of the receiver."""
     study = partial(mt.coverage_map, photons=photons, rtol=rtol, extent=extent, step=step,
                     times=times, wavelengths_nm=wavelengths_nm)  # fmt: skip
-    # photons to reach a tolerance cannot be told beforehand: the bar has no total
+    # the number of photons that a tolerance takes is not known beforehand: the bar has no total
     steps = photons if rtol is None else None
     options.run(study, progress(steps, "mapping the gain", kernels="analog"))
 
@@ -93,6 +94,7 @@ def compare(
     options.run(study, progress(total), scenarios)
 
 
+# Options of `converge` by the parameter of the studies; each of them selects another study.
 _REFINED = {"spacings": "--spacings", "steps": "--time-steps", "omega_max": "--omega-max"}
 
 
@@ -149,8 +151,8 @@ def _study_of(options: dict[str, Any], what: str) -> Any:
     refined = next((name for name in studies if name in options), "spacings")
     study = mt.studies.fading_study if what == "fading" else studies[refined]
     for name in options.keys() - _defaults(study).keys():
-        others = [_REFINED[key] for key in studies if name in _defaults(studies[key])]
-        allowed = f"only with {' or '.join(others)}"
+        takers = [_REFINED[key] for key in studies if name in _defaults(studies[key])]
+        allowed = f"only with {' or '.join(takers)}"
         if what == "fading":
             allowed = "only with --what gain"
         elif name in _REFINED:
@@ -160,13 +162,13 @@ def _study_of(options: dict[str, Any], what: str) -> Any:
 
 
 def _surfaces(values: dict[str, Any]) -> float | None:
-    """Return the number of surfaces of a study of convergence: the total of its progress bar.
+    """Return the number of surfaces of a convergence study, the total of its progress bar.
 
-    `values` are the arguments of the study, defaults included.
+    `values` are the arguments of the study, defaults included. None if the number is not known.
     """
     if "steps" in values:
-        # where each step is half of the next, all together are twice as many as the shortest:
-        # 1 + 1/2 + 1/4 + ... = 2
+        # if each step is twice the one before, all series together have twice as many times as that
+        # of the shortest step: 1 + 1/2 + 1/4 + ... = 2
         steps = values["steps"]
         duration = values["duration"] or 8.0 * max(steps)
         return 2.0 * duration / min(steps) + 1.0 if min(steps) > 0.0 else None
@@ -286,7 +288,7 @@ def traces(
     """
     from meshtrace.apps.traces import pieces_in
 
-    # of the study: "mirrored" has lamp and receiver at both ends, None has no downlink
+    # values of the argument `down`: "mirrored" has lamp and receiver at both ends, None no downlink
     downlink: Any = "mirrored" if down is None else None
     if down is not None and down != "none":
         downlink = options.scenario(Path(down)).link
@@ -355,7 +357,7 @@ def ber(
 
 
 def _daylight(model: str | None, zenith: float | None, elevation: float | None) -> dict[str, Any]:
-    """Return the settings of a link file; an angle without a model means a clear sky."""
+    """Return settings of [daylight] by dotted key; an angle without a model means a clear sky."""
     if elevation is not None:
         if zenith is not None:
             raise Refused("--sun-elevation", elevation, "without --sun-zenith")
@@ -369,7 +371,7 @@ def _daylight(model: str | None, zenith: float | None, elevation: float | None) 
 
 
 def _plain(speed: float, performance: "mt.LinkPerformance") -> dict[str, Any]:
-    """Return the performance in a wind as plain data for JSON."""
+    """Return the performance at a wind speed [m s-1] as plain data for JSON."""
     ranges = zip(performance.bit_rates, performance.range_at_ber(), strict=True)
     names = ("limit", "confidence", "status", "light")
     return {name: getattr(performance, name) for name in names} | {
@@ -416,7 +418,7 @@ def sweep(
         write_dataset(data, output)
         typer.echo(f"\nwritten to {output}")
     errors = [text for text in data["error"].values.ravel().tolist() if text]
-    # finished points are in the store; the exit code tells scripts of the others
+    # the store has the finished points; the exit code tells scripts that others failed
     if errors:
         failures = f"{len(errors)} of {data['error'].size} runs failed"
         typer.echo(f"warning: {failures}, the first: {errors[0]}", err=True)
@@ -424,7 +426,7 @@ def sweep(
 
 
 def _rows(data: "xr.Dataset") -> list[str]:
-    """Return gains over the realizations as a table, one row for each point and receiver."""
+    """Return means over the realizations as lines of a table, one for each point and receiver."""
     import xarray as xr
 
     from meshtrace.results.series import by_wavelength
@@ -435,13 +437,16 @@ def _rows(data: "xr.Dataset") -> list[str]:
     dims = [str(name) for name in gain.dims if name != "realization"]
     columns = {
         "gain": gain.mean("realization"),
-        # realizations have chains of their own: their errors are independent
+        # realizations differ in their chains, too: the error of the mean is (sum s_i^2)^(1/2) / n;
+        # nan, a failed point, stays nan
         "stderr": (stderr**2).sum("realization", skipna=False) ** 0.5 / n,
+        # standard deviation; ddof is 0 for a single realization, whose scatter is not shown
         "scatter": gain.std("realization", ddof=min(1, n - 1)),
     }
     if "ber" in data:
         columns["background"] = data["background_radiance"].mean("realization")
         columns["BER"] = data["ber"].mean("realization")
+    # of the coordinates, then of `columns` in their order
     formats = [*[".6g"] * len(dims), ".4e", ".1e", ".1e", ".3e", ".3e"]
     frame = xr.Dataset(columns).to_dataframe(dim_order=dims)[list(columns)].reset_index()
     if n == 1:

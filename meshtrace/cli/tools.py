@@ -17,7 +17,7 @@ from meshtrace.cli.application import command
 from meshtrace.cli.options import flag, numbers, value
 from meshtrace.errors import Described, Refused, require_word
 
-_ALL = "forced analog"  # kinds of kernels: those of both estimators
+_ALL = "forced analog"  # `kernels` of `console.progress`: those of both estimators
 
 
 @command()
@@ -34,7 +34,7 @@ def run(
         "--verbose", "-v", help="Print samples and chains, too.")] = False,
 ) -> None:  # fmt: skip
     """Simulate one link and print its channel gain."""
-    # texts, as the options of `Changes`: the checks of link files parse them
+    # left as texts, like the options of `Changes`: they are parsed and checked as in link files
     settings = {"run.photons": photons, "run.rtol": rtol, "run.estimator": estimator}
     scenario = changes.scenario(link, settings)
     console.check_output(output, link)
@@ -51,13 +51,14 @@ def run(
 def _simulate(scenario: "mt.Scenario", quiet: bool, wavelengths: Any) -> tuple[Any, float]:
     """Return the result of a scenario and its wall time [s], which excludes compilation."""
     photons = scenario.run.photons if scenario.run.rtol is None else None
+    # kernels "": the status on compilation is set below, after the link has been checked
     with console.progress(photons, "following photons", kernels="", quiet=quiet) as (say, advance):
         if not console.kernels_are_compiled(scenario.run.estimator.kind):
-            # a wrong link is refused here, before the kernels compile
+            # refuse a wrong link here, before the kernels compile
             scenario.mesh()
             say(console.COMPILING)
             with warnings.catch_warnings(action="ignore"), console.compiling_ahead(scenario):
-                # one thread, this one: Ctrl-C would wait until other threads have compiled
+                # in this thread alone: with others, Ctrl-C would wait until these have compiled
                 few = {"photons": min(scenario.run.photons, 64), "rtol": None, "threads": 1}
                 short = scenario.run.model_copy(update=few)
                 scenario.model_copy(update={"run": short}).simulate()
@@ -66,7 +67,7 @@ def _simulate(scenario: "mt.Scenario", quiet: bool, wavelengths: Any) -> tuple[A
         return result, time.perf_counter() - start
 
 
-# Attributes of a result that JSON has by the same names.
+# Attributes of a result that are written to JSON by the same names.
 _GAINS = ("gain", "gain_stderr", "gain_db", "gain_bound", "gain_ballistic", "gain_scattered",
           "mesh_error")  # fmt: skip
 
@@ -190,7 +191,7 @@ def plot_command(
 
 
 def _content(file: Path) -> object:
-    """Return a result, or the dataset of a sweep."""
+    """Return the result in a file, or the dataset of a sweep from a file or its store."""
     from meshtrace.stored import load, read_dataset
     from meshtrace.studies.store import is_store
 
@@ -208,11 +209,11 @@ def warm() -> None:
     from meshtrace.kernels.jit import folder
 
     start, sea = time.perf_counter(), mt.JonswapSea()
-    # each kind of link has kernels that the others do not call
+    # each of these links calls kernels that the others do not
     several = mt.Link(water=mt.Water(bottom_depth=20.0), receiver=(mt.Receiver(), mt.Receiver()))
     links = [mt.Link().mirrored(), mt.Link(physics=mt.Physics(unresolved="none")), several]
     runs: list[Callable[[], Any]] = [
-        # the sea of `meshtrace run` has another mesh than that of `simulate`
+        # the default sea of `meshtrace run` has another mesh than `sea` has in `simulate`
         opt.Changes().scenario(None).simulate,
         *(partial(mt.simulate, link, sea, photons=64) for link in links),
         partial(mt.simulate, mt.Link(), sea, "analog", photons=64),
@@ -257,7 +258,8 @@ def water(
             conflict = Described(f"{link or set_} beside options of a water")
             raise Refused("link", conflict, "one of them")
         spectrum = spectrum_of(keys if file is None else keys | {"file": str(file)})
-        # a `Water` needs a wavelength, here 470 nm or the next; its spectra do not depend on it
+        # a `Water` needs a wavelength, 470 nm or the nearest that its spectrum has; its spectra do
+        # not depend on it
         low, high = spectrum.limits_nm
         sample = mt.Water(spectrum=spectrum, wavelength_nm=min(max(low, 470.0), high))
     else:

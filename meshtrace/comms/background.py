@@ -23,7 +23,7 @@ DARK = "none: dark, without sun, moon and sky"
 
 
 def name_of_light(name: str) -> str:
-    """Return the name in the text of a light.
+    """Return the name of the light, without its details, from a description of background light.
 
     Examples
     --------
@@ -46,7 +46,7 @@ def filter_shift_nm(
     angle_deg: Annotated[float, Field(ge=0.0, le=90.0)],
     n_eff: Annotated[float, Field(ge=1.0)] = 2.0,
 ) -> float:
-    """Return the shift of an interference filter under slanted light [nm].
+    """Return the shift of an interference filter at oblique incidence [nm].
 
     lambda_0 - lambda(theta) = lambda_0 (1 - (1 - (sin theta / n_eff)^2)^(1/2))
 
@@ -87,13 +87,13 @@ def with_background(ook: OokLink, background: Background, scale: float = 1.0) ->
 
 @check_call
 def occupancy(ook: OokLink) -> float:
-    """Return x = r tau / N, the dark and background counts of a cell in its dead time."""
+    """Return the mean dark and background counts of a cell in its dead time, x = r tau / N."""
     rate = ook.sipm.dark_count_rate + ook.background_rate
     return rate * ook.sipm.recovery_time / ook.sipm.n_spads
 
 
 def warn_of_background(ook: OokLink, background: Background) -> None:
-    """Warn of a filter narrower than its shift over the field of view, and of a large current."""
+    """Warn of a filter narrower than its shift over the field of view or a large bias current."""
     optics = ook.optics
     shift = filter_shift_nm(background.wavelength_nm, 0.5 * optics.fov_deg)
     texts = []
@@ -115,7 +115,7 @@ def warn_of_background(ook: OokLink, background: Background) -> None:
 
 @check_call
 def widest_filter_nm(ook: OokLink, background: Background, power: float, ber: ErrorRate) -> float:
-    """Return the widest filter of a link for a bit error rate under a background.
+    """Return the widest filter with which a link reaches a bit error rate under a background.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
 """From channel gains to link performance: budget, average error rate, outage, range.
 
 Gains come as a number, an array over depth or time, or an ensemble of realizations; the tilt factor
-h_alpha joins as an array of the same shape (or 1 where the gains already contain the tilt).
+h_alpha of an aircraft multiplies them as an array of the same shape (or is 1 where the gains
+already contain the tilt).
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ FEC_LIMITS: dict[str, float] = {"uncoded": 1e-3, "paper": 2e-3, "hard-7-percent"
 """Bit error rates before decoding that count as success: the figure usual without a code, the
 paper's limit, and that of hard-decision codes with 7 % overhead (net rate 239/255)."""
 
-_TABLE_POINTS = 256
+_TABLE_POINTS = 256  # nodes of an interpolated error rate, see `ber_of_gains`
 
 
 class LinkBudget(NamedTuple):
@@ -34,8 +35,8 @@ class LinkBudget(NamedTuple):
 
     `margin_optical_db` is 10 log10 of the ratio of optical powers, received over required.
     `margin_electrical_db` is twice that: the ratio of squared photocurrents. It equals the reserve
-    in SNR only where the noise does not depend on the signal (thermal or background noise); with
-    signal shot noise the SNR gains but the optical figure.
+    in SNR only where the noise does not depend on the signal (thermal or background noise); where
+    the shot noise of the signal dominates, the reserve in SNR is the optical figure.
     """
 
     transmitted_dbm: float
@@ -50,6 +51,7 @@ class LinkBudget(NamedTuple):
 
 
 def _db(ratio: ArrayLike) -> Floats:
+    """Return 10 log10 of a ratio, -inf for 0."""
     with np.errstate(divide="ignore"):
         return 10.0 * np.log10(np.asarray(ratio, dtype=float))
 
@@ -67,14 +69,15 @@ def link_budget(link: OokLink, gain: ArrayLike, ber: float, h_alpha: ArrayLike =
     gain : array_like
         Channel gain [1], any shape.
     ber : float
-        Bit error rate that the link has to reach, 0 < ber < 0.5; see `FEC_LIMITS`.
+        Bit error rate that the link must not exceed, 0 < ber < 0.5; see `FEC_LIMITS`.
     h_alpha : array_like
         Tilt factor [1], broadcast against `gain`.
 
     Returns
     -------
     LinkBudget
-        The terms of the sum; -inf where no light arrives.
+        The terms of the sum; -inf where no light arrives. The margin is -inf too if no power
+        reaches the bit error rate.
 
     Examples
     --------
@@ -116,13 +119,13 @@ def required_gain(link: OokLink, ber: float) -> float:
 
 @check_call
 def faded_gains(gain: ArrayLike, h_alpha: ArrayLike) -> Floats:
-    """Return gains times tilt factors as an array (n,); refuse negative ones."""
+    """Return gains times tilt factors as a flat array (n,); refuse negative values."""
     g, h = _with_tilt(gain, h_alpha)
     return np.ravel(g * h)
 
 
 def _with_tilt(gain: ArrayLike, h_alpha: ArrayLike) -> tuple[Floats, Floats]:
-    """Return gains and tilt factors whose shapes fit."""
+    """Return gains and tilt factors as arrays; refuse negatives and shapes that do not fit."""
     g, h = non_negative("gain", gain), non_negative("h_alpha", h_alpha)
     for name, values in (("gain", g), ("h_alpha", h)):
         if not values.size:
@@ -137,7 +140,7 @@ def _with_tilt(gain: ArrayLike, h_alpha: ArrayLike) -> tuple[Floats, Floats]:
 
 @check_call
 def ber_of_gains(link: OokLink, gain: Floats) -> Floats:
-    """Return the bit error rate of many gains, interpolated between nodes for long arrays.
+    """Return the bit error rate at each of many gains, by interpolation for long arrays.
 
     Parameters
     ----------
@@ -153,15 +156,15 @@ def ber_of_gains(link: OokLink, gain: Floats) -> Floats:
 
     Notes
     -----
-    Of more than 512 gains, ln BER is interpolated over ln power (PCHIP): 256 points over the range
-    of the powers that matter keep the error below 1e-3 (relative).
+    For more than 512 gains, ln BER is interpolated over ln power (PCHIP): 256 nodes over the powers
+    at which the rate differs from 0.5 keep its relative error below 1e-3.
     """
     from scipy.interpolate import PchipInterpolator
 
     power = link.received_power(gain)
     if power.size <= 2 * _TABLE_POINTS:
         return link.ber(power)
-    # darker gains have a rate of 0.5 to 1e-4: nodes for them would be wasted
+    # lower powers have a rate of 0.5 within 1e-4: nodes for them would be wasted
     floor = link.required_power(0.4999)
     high = float(power.max())
     if high <= floor:
@@ -170,7 +173,7 @@ def ber_of_gains(link: OokLink, gain: Floats) -> Floats:
     nodes = np.linspace(math.log(float(clipped.min())), math.log(high), _TABLE_POINTS)
     if nodes[0] == nodes[-1]:
         return np.full(power.shape, float(link.ber(high)))
-    log_ber = np.log(np.maximum(link.ber(np.exp(nodes)), 1e-300))
+    log_ber = np.log(np.maximum(link.ber(np.exp(nodes)), 1e-300))  # 0 where it underflows
     # monotone between the nodes, as the error rate is: a plain spline could overshoot
     table = PchipInterpolator(nodes, log_ber)
     ber = np.exp(table(np.clip(np.log(clipped), nodes[0], nodes[-1])))
@@ -246,13 +249,14 @@ def bootstrapped_mean(
     mean = float(ber.mean())
     if mean == 0.0:
         return Estimate(mean, 0.0, 0.0)
-    # replicates of whole realizations, since error rates span decades and no normal law holds
+    # resampling of whole realizations: error rates span decades, and no normal law holds
     rng = np.random.default_rng(seed)
     # scipy.stats.bootstrap refuses a single value and a single replicate
     means = [ber[rng.integers(0, ber.size, ber.size)].mean() for _ in range(resamples)]
     limits = np.quantile(means, [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence])
     # stretched in the logarithm, so that the lower limit stays above 0
     low, high = mean * (limits / mean) ** math.sqrt(ber.size / n_effective)
+    # the percentiles of skewed replicates may lie on one side of the mean
     return Estimate(mean, float(min(low, mean)), float(max(high, mean)))
 
 
@@ -277,7 +281,8 @@ def outage(
     ber : float
         Bit error rate, 0 < ber < 0.5.
     h_alpha : array_like
-        Tilt factor [1], broadcast against `gain`; its zeros are the outage P(alpha > fov / 2).
+        Tilt factor [1], broadcast against `gain`; its zeros count as outages, which happen with
+        the probability P(alpha > fov / 2) of the tilt angle alpha.
     n_effective : float, optional
         Number of independent gains, by default n; for a series see `fading.effective_samples`.
     confidence : float
@@ -289,7 +294,7 @@ def outage(
         Probability with its Wilson interval.
     """
     g = faded_gains(gain, h_alpha)
-    # an eye that no gain opens asks for an infinite gain, which is no threshold
+    # no gain opens a closed eye: the required gain is infinite, which `fading.outage` refuses
     threshold = min(required_gain(link, ber), float(np.finfo(float).max))
     return fading.outage(
         g, threshold, relative_to="absolute", n_effective=n_effective, confidence=confidence
@@ -298,7 +303,7 @@ def outage(
 
 @check_call
 def depth_at(depth: ArrayLike, value: ArrayLike, limit: Positive) -> float:
-    """Return the largest depth of a crossing between a curve over depth and a limit.
+    """Return the largest depth at which a curve over depth crosses a limit.
 
     Monotone cubic (PCHIP) interpolation of ln(value) over depth.
 
@@ -337,7 +342,7 @@ def depth_at(depth: ArrayLike, value: ArrayLike, limit: Positive) -> float:
         raise Refused("value", value, positive)
     curve = PchipInterpolator(d, np.log(v) - math.log(limit))
     crossings = curve.roots(discontinuity=False, extrapolate=False)
-    # scipy marks a piece that lies on the limit throughout by a nan after its start
+    # scipy returns a nan after the start of an interval in which the curve equals the limit
     crossings = crossings[np.isfinite(crossings)]
     if crossings.size == 0:
         between = f"as found between {d[0]:g} m and {d[-1]:g} m"
@@ -347,7 +352,7 @@ def depth_at(depth: ArrayLike, value: ArrayLike, limit: Positive) -> float:
 
 @check_call
 def range_at_ber(link: OokLink, depth: ArrayLike, gain: ArrayLike, ber: float) -> float:
-    """Return the greatest depth of a link without fading for a bit error rate.
+    """Return the greatest depth at which a link without fading reaches a bit error rate.
 
     Parameters
     ----------
@@ -372,7 +377,7 @@ def range_at_ber(link: OokLink, depth: ArrayLike, gain: ArrayLike, ber: float) -
 
     Notes
     -----
-    With fading, take the `average_ber` of each depth's ensemble and look for the limit in these
-    values with `depth_at`.
+    With fading, compute the `average_ber` of the ensemble at each depth, and pass these values to
+    `depth_at` with the bit error rate as the limit.
     """
     return depth_at(depth, gain, required_gain(link, ber))

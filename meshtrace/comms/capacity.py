@@ -104,7 +104,7 @@ def capacity(
 
 
 def _soft(link: OokLink, n0: float, n1: float) -> float:
-    """Return the mutual information of a bit and its full counts, with the channel response."""
+    """Return the mutual information of a bit and its counts behind the channel [bit]."""
     branching = link.sipm.branching
     if link.filters.response is None:
         return soft_information(n0, n1, branching)

@@ -28,13 +28,13 @@ _PATTERNS = "a number for each pattern (..., p), and p flags"
 
 
 class Decision(NamedTuple):
-    """Error rate of the best single threshold, and that threshold."""
+    """Error rate [1] of the best single threshold, and that threshold in the unit of the sample."""
 
     ber: Floats
     threshold: Floats
 
 
-Powers = Annotated[Floats, Shape("n")]
+Powers = Annotated[Floats, Shape("n")]  # on the SiPM [W]
 Branching = Annotated[float, Field(ge=0.0, lt=1.0)]
 
 
@@ -53,7 +53,7 @@ class ReceiverModel(Family, default="W"):
     """Whether the model follows pulses, so that an eye diagram exists."""
 
     exact_counts: ClassVar[bool] = False
-    """Whether the model takes the law of Poisson counts itself, which renewal noise is not."""
+    """Whether the model uses the exact law of Poisson counts, which excludes renewal noise."""
 
     def averaging_window(self, link: Any) -> float:
         """Return the averaging window in front of the decision [s]."""
@@ -62,8 +62,8 @@ class ReceiverModel(Family, default="W"):
     def moments(self, link: Any, power: ArrayLike, phase: float = 1.0) -> tuple[Floats, Floats]:
         """Return mean [s-1] and variance [s-2] of the sample for each bit pattern.
 
-        By default those of independent bits: levels of a zero and a one, Gaussian noise in
-        B = R_b / 2.
+        By default those of independent bits: levels of a zero and a one (..., 2), Gaussian noise
+        in B = R_b / 2.
         """
         mean, shot = (np.stack(v, axis=-1) for v in (link.levels(power), link.shot_levels(power)))
         return mean, noise(link, shot, 0.5 * link.bit_rate)
@@ -106,11 +106,12 @@ def gaussian_decision(m0: ArrayLike, m1: ArrayLike, v0: _Variance, v1: _Variance
     """Decide between two Gaussian levels.
 
     BER = [Q((m1 - th) / s1) + Q((th - m0) / s0)] / 2,  with th at the crossing of the densities
+    and the standard deviations s0 and s1
 
     Parameters
     ----------
     m0, m1 : array_like
-        Means of zero and one, m1 > m0.
+        Means of zero and one, m1 >= m0.
     v0, v1 : array_like
         Their variances, > 0.
 
@@ -122,7 +123,8 @@ def gaussian_decision(m0: ArrayLike, m1: ArrayLike, v0: _Variance, v1: _Variance
     Notes
     -----
     With D = m1 - m0, th = m0 + v0 (D^2 + v1 ln(v1/v0)) / (D v0 + R) and
-    R^2 = v0 v1 (D^2 + (v1 - v0) ln(v1/v0)): the usual quotient over v1 - v0, made regular there.
+    R^2 = v0 v1 (D^2 + (v1 - v0) ln(v1/v0)). The usual root is a quotient over v1 - v0, which is
+    0 / 0 for equal variances; this form of it is regular there.
 
     Examples
     --------
@@ -140,11 +142,11 @@ def gaussian_decision(m0: ArrayLike, m1: ArrayLike, v0: _Variance, v1: _Variance
     d, log_ratio = m1 - m0, np.log(v1 / v0)
     # the quadratic of equal densities, solved without its division by v1 - v0 (Notes)
     root = np.sqrt(v0 * v1 * (d * d + (v1 - v0) * log_ratio))
-    above = d * v0 + root
-    safe = np.where(above > 0.0, above, 1.0)  # equal laws: any threshold errs half of the time
-    threshold = v0 * (d * d + v1 * log_ratio) / safe
-    ber = 0.5 * (ndtr((threshold - d) / np.sqrt(v1)) + ndtr(-threshold / np.sqrt(v0)))
-    return Decision(ber, m0 + threshold)
+    divisor = d * v0 + root
+    safe = np.where(divisor > 0.0, divisor, 1.0)  # equal laws: any threshold errs half of the time
+    above_m0 = v0 * (d * d + v1 * log_ratio) / safe  # threshold, from m0
+    ber = 0.5 * (ndtr((above_m0 - d) / np.sqrt(v1)) + ndtr(-above_m0 / np.sqrt(v0)))
+    return Decision(ber, m0 + above_m0)
 
 
 @check_call
@@ -165,7 +167,8 @@ def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: NDArray[np.bool_])
 
     Notes
     -----
-    The threshold is the best of a grid, improved by Newton's method.
+    The threshold is the best of a grid, improved by Newton's method: see
+    `kernels.decision.best_thresholds`.
     """
     mean, std = np.asarray(mean), np.asarray(std)
     for name, array in (("is_one", is_one), ("mean", mean), ("std", std)):
@@ -174,6 +177,7 @@ def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: NDArray[np.bool_])
     mean, std = (np.ascontiguousarray(x) for x in np.broadcast_arrays(mean, std))
     decision = Decision(np.empty(mean.shape[:-1]), np.empty(mean.shape[:-1]))
     flat = (x.reshape(-1, is_one.size) for x in (mean, std))
+    # the kernel writes into these views of the decision
     best_thresholds(*flat, is_one, *(x.reshape(-1) for x in decision))
     return decision
 
@@ -182,9 +186,9 @@ def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: NDArray[np.bool_])
 def generalized_poisson_logpmf(
     k: ArrayLike, primaries: NonNegative, branching: Branching
 ) -> Floats:
-    """Return the log probability of k counts when Poisson primaries branch.
+    """Return the natural log of the probability of k counts when Poisson primaries branch.
 
-    P(k) = N (N + k lam)^(k-1) exp(-N - k lam) / k!
+    P(k) = N (N + k lam)^(k-1) exp(-N - k lam) / k!  (Consul and Jain 1973, Technometrics 15, 791)
 
     Parameters
     ----------
@@ -203,33 +207,34 @@ def generalized_poisson_logpmf(
     from scipy.special import gammaln, xlogy
 
     k = non_negative("k", k)
-    # at k = 0 the law is exp(-N), which its general form gives as 0 / 0 where N = 0
+    # at k = 0 the law is exp(-N); its general form would be 0 / 0 there if N = 0
     rate = primaries + k * branching
-    grown = xlogy(1.0, primaries) + xlogy(k - 1.0, np.where(rate > 0.0, rate, 1.0))
-    return np.where(k == 0.0, -primaries, grown - rate - gammaln(k + 1.0))
+    # xlogy(1, N) is ln N without a warning where N = 0
+    log_growth = xlogy(1.0, primaries) + xlogy(k - 1.0, np.where(rate > 0.0, rate, 1.0))
+    return np.where(k == 0.0, -primaries, log_growth - rate - gammaln(k + 1.0))
 
 
 def _distance(n0: float, n1: float, branching: float) -> float:
-    """Return the distance of the means of huge counts, in standard deviations."""
-    # mean N / (1 - lam), variance N / (1 - lam)^3
+    """Return the distance between the means of two counts in standard deviations of the larger."""
+    # generalized Poisson counts have the mean N / (1 - lam) and the variance N / (1 - lam)^3
     return (n1 - n0) * math.sqrt((1.0 - branching) / n1) if n1 > 0.0 else 0.0
 
 
 def _decision_laws(n0: float, n1: float, branching: float) -> tuple[Floats, Floats, Floats]:
     """Return the counts of non-negligible probability, and ln of it for a zero and a one."""
-    share = 1.0 - branching
+    unbranched = 1.0 - branching
     # Normal tails hold less than 1e-32 beyond 12 deviations; 40
     # more counts cover the skewed tail of laws of few counts.
-    low, high = (math.sqrt(n / share**3) for n in (n0, n1))
-    first = max(math.floor(n0 / share - 12.0 * low), 0)
-    k = np.arange(first, math.ceil(n1 / share + 12.0 * high + 40.0), dtype=float)
+    std0, std1 = (math.sqrt(n / unbranched**3) for n in (n0, n1))
+    first = max(math.floor(n0 / unbranched - 12.0 * std0), 0)
+    k = np.arange(first, math.ceil(n1 / unbranched + 12.0 * std1 + 40.0), dtype=float)
     log0, log1 = (generalized_poisson_logpmf(k, n, branching) for n in (n0, n1))
     return k, log0, log1
 
 
 @check_call
 def generalized_poisson_decision(n0: ArrayLike, n1: ArrayLike, branching: float) -> Decision:
-    """Decide by the number of counts; exact.
+    """Decide by the number of counts, with their exact law.
 
     Parameters
     ----------
@@ -262,9 +267,11 @@ def generalized_poisson_decision(n0: ArrayLike, n1: ArrayLike, branching: float)
 
 
 def _count_decision(n0: float, n1: float, branching: float) -> tuple[float, float]:
-    if (n1 - n0) ** 2 * (1.0 - branching) > 1e4 * n1:  # underflows, without a sum over huge counts
+    """Return the bit error rate and the lowest count that is read as a one."""
+    # means 100 deviations apart: the error rate underflows, and no sum over huge counts is needed
+    if (n1 - n0) ** 2 * (1.0 - branching) > 1e4 * n1:
         return 0.0, 0.5 * (n0 + n1) / (1.0 - branching)
-    # the test above leaves means so close that both laws have one variance
+    # the test above leaves means so close together that both laws have the same variance
     if n0 > _NORMAL:
         from scipy.special import ndtr
 
@@ -276,12 +283,14 @@ def _count_decision(n0: float, n1: float, branching: float) -> tuple[float, floa
     return ber, float(k[np.argmax(read_one)])
 
 
-_CERTAIN = 20.0  # distance of the means, beyond which less than exp(-50) bit is lost
+# distance of the means [standard deviations] beyond which the loss is below 2e-22, about
+# exp(-20^2 / 8), of a bit
+_CERTAIN = 20.0
 
 
 @check_call
 def soft_information(n0: float, n1: float, branching: float) -> float:
-    """Return the mutual information of equally likely bits and the full count [bit per use].
+    """Return the mutual information between equally likely bits and their counts [bit per use].
 
     Parameters
     ----------
@@ -302,33 +311,44 @@ def soft_information(n0: float, n1: float, branching: float) -> float:
     if _distance(n0, n1, branching) > _CERTAIN:
         return 1.0
     if n0 > _NORMAL:
+        # other bits in one state, of log probability 0
         return _normal_information(np.array([[n0], [n1]]), np.zeros(1), branching)
     return _information(np.array(_decision_laws(n0, n1, branching)[1:]))
 
 
-def _information(log_law: Floats) -> float:
-    """Return the mutual information of bits and counts by the laws of a zero and a one (2, k)."""
-    log_mean = np.logaddexp(*log_law) - math.log(2.0)
+def _information(log_p: Floats) -> float:
+    """Return the mutual information [bit] of bits and counts.
+
+    `log_p` (2, k) are the log probabilities of the counts for a zero and for a one.
+    """
+    # I = sum over both bits and all counts of p ln(p / mean p) / 2, in nat
+    log_mean = np.logaddexp(*log_p) - math.log(2.0)
     # p ln p goes to 0 with p: the bound keeps it from becoming 0 times infinity
-    terms = np.exp(log_law) * np.maximum(log_law - log_mean, -1e3)
+    terms = np.exp(log_p) * np.maximum(log_p - log_mean, -1e3)
     return float(np.clip(0.5 * terms.sum() / math.log(2.0), 0.0, 1.0))
 
 
 def _normal_information(means: Floats, log_chance: Floats, branching: float) -> float:
-    """Return the mutual information for normal counts, by means (2, states) and their chances."""
+    """Return the mutual information [bit] of bits and normal counts.
+
+    `means` (2, states) are the mean primaries of a zero and of a one for each state of the other
+    bits, `log_chance` (states,) the log probabilities of the states.
+    """
     from scipy.special import logsumexp
 
-    # I = 1 - E log2(1 + p_other(x) / p_sent(x)), by
-    # Gauss-Hermite nodes around the mean of each state
+    # I = 1 - E log2(1 + p_other(x) / p_sent(x)), with the densities p of the bit sent and of the
+    # other one, by Gauss-Hermite nodes around the mean of each state
     nodes, weights = np.polynomial.hermite_e.hermegauss(32)
-    # counts times (1 - lam): mean N, variance N / (1 - lam)
+    # counts times (1 - lam): mean N, variance N / (1 - lam); at least that of N = 1, as a dark
+    # state would have none
     std = np.sqrt(np.maximum(means, 1.0) / (1.0 - branching))
-    at = means[..., None] + std[..., None] * nodes
-    z = (at[..., None, None] - means) / std  # of each law (2, states) at each node
-    log_law = logsumexp(log_chance - np.log(std) - 0.5 * z * z, axis=-1)
-    other = np.stack(
-        [log_law[0, ..., 1] - log_law[0, ..., 0], log_law[1, ..., 0] - log_law[1, ..., 1]]
-    )
+    counts = means[..., None] + std[..., None] * nodes  # (2, states, nodes)
+    # of each law at each node: (2, states, nodes, 2, states), then summed over the last states
+    z = (counts[..., None, None] - means) / std
+    log_p = logsumexp(log_chance - np.log(std) - 0.5 * z * z, axis=-1)
+    # ln p_other - ln p_sent (2, states, nodes): the first axis is the bit sent, the last of log_p
+    # the bit whose density it is
+    other = np.stack([log_p[0, ..., 1] - log_p[0, ..., 0], log_p[1, ..., 0] - log_p[1, ..., 1]])
     lost = np.logaddexp(0.0, other) @ (weights / weights.sum()) @ np.exp(log_chance)
     return float(np.clip(1.0 - 0.5 * lost.sum() / math.log(2.0), 0.0, 1.0))
 
@@ -340,7 +360,7 @@ _EXACT = 1e3  # mean counts up to which a mixture of their laws is summed
 def mixed_information(
     zeros: ArrayLike, ones: ArrayLike, chance: ArrayLike, branching: Branching
 ) -> float:
-    """Return `soft_information` where other bits add light: every law is a mixture.
+    """Return `soft_information` where the light of other bits makes every law a mixture.
 
     Parameters
     ----------
@@ -373,18 +393,18 @@ def mixed_information(
         log_chance = np.log(values[2])
     if means.max() >= _EXACT:
         return _normal_information(means, log_chance, branching)
-    share = 1.0 - branching
-    most = float(means.max()) / share
-    # as in `_decision_laws`, up from 0: the states of zeros may be dark
-    k = np.arange(math.ceil(most + 12.0 * math.sqrt(most) / share + 40.0), dtype=float)
+    unbranched = 1.0 - branching
+    most = float(means.max()) / unbranched
+    # as in `_decision_laws`, but up from 0, as zeros may be dark in some states
+    k = np.arange(math.ceil(most + 12.0 * math.sqrt(most) / unbranched + 40.0), dtype=float)
     laws = [[generalized_poisson_logpmf(k, float(n), branching) for n in row] for row in means]
     return _information(logsumexp(np.array(laws) + log_chance[:, None], axis=1))
 
 
 ComplexArray = NDArray[np.complex128]
 
-_POINTS = 2**16
-_INDEX = np.arange(_POINTS // 2 + 1)
+_POINTS = 2**16  # of the lattice of the compound Poisson law
+_INDEX = np.arange(_POINTS // 2 + 1)  # of the frequencies of a real FFT
 
 
 @check_call
@@ -399,15 +419,16 @@ def compound_poisson_decision(
 ) -> tuple[float, float]:
     """Decide between zeros and ones in filtered shot noise, without Gaussian assumption.
 
-    ln E exp(-i w X) = sum over counts of [B(exp(-i w (1 - lam) g)) - 1] - (w s_th)^2 / 2,
+    ln E exp(-i w X) = int r(t) [B(exp(-i w (1 - lam) g(t))) - 1] dt - (w s_th)^2 / 2,
 
-    B the generating function of the Borel law; random earlier bits average the characteristic
-    function, exactly.
+    with the sample X, the count rate r(t) and response g(t) at the age t, the generating function B
+    of the Borel law, and the thermal standard deviation s_th. The characteristic function is
+    averaged over both values of each other bit, which is exact.
 
     Parameters
     ----------
     low, high : float
-        Primary counts during long zeros and long ones [s-1], 0 < low < high.
+        Primary counts during long zeros and long ones [s-1], 0 <= low < high.
     filters : PulseFilters
         Poles and window.
     bit_time : float
@@ -428,31 +449,37 @@ def compound_poisson_decision(
     Notes
     -----
     The amplitudes of single counts are rounded to a lattice of 65536 values that spans the
-    sample's range; the largest lies on it. Means of more than some 10000 counts are too many.
+    sample's range; the largest lies on it. Means of more than about 10000 counts are too many: a
+    single count then spans few of its steps.
     """
     if not low < high:
         raise Refused("low", low, f"low < high = {high:g}")
     if not removed.size:
         raise Refused("removed", removed, "a number for each bit, one or more")
-    share = 1.0 - branching
+    unbranched = 1.0 - branching  # response of one avalanche over that of one count
+    # mean where all bits are ones, the highest one [s-1]
     top = low + (high - low) * float(filters.mean_step(bit_time * removed.size))
-    # Campbell's theorem: variance r F int g^2
-    spread = math.sqrt(top * filters.noise_energy / share)
+    # Campbell's theorem: variance r F int g^2, F = 1 / (1 - lam)
+    spread = math.sqrt(top * filters.noise_energy / unbranched)
+    # the lattice reaches from -below to `reach` [s-1]
     below = 8.0 * thermal_std + float(removed.sum())
     # The FFT is periodic, and what lies beyond an end comes back at the other: room for 12
     # deviations of shot noise, 30 avalanches at their peak and 8 deviations of thermal noise.
-    reach = top + 12.0 * spread + 30.0 * share * filters.peak + 8.0 * thermal_std
+    reach = top + 12.0 * spread + 30.0 * unbranched * filters.peak + 8.0 * thermal_std
     step = (reach + below) / _POINTS
-    most = share * filters.peak / step  # of a count, in steps
-    # the peak of a single avalanche, the largest amplitude, becomes a whole number of steps
-    step *= most / max(math.floor(most), min(most, 1.0))
+    peak_steps = unbranched * filters.peak / step
+    # the peak of a single avalanche becomes a whole number of steps, or stays below one
+    step *= peak_steps / max(math.floor(peak_steps), min(peak_steps, 1.0))
     frequency = 2.0 * math.pi * np.fft.rfftfreq(_POINTS, step)
     borel = _borel(branching)
-    amplitudes = (np.arange(1, math.ceil(share * filters.peak / step) + 1) - 0.5) * step / share
-    young, old = filters.ages_above(np.minimum(amplitudes, filters.peak))
+    # lattice point j stands for the amplitudes between its edges j - 1/2 and j + 1/2: lower edges
+    edges = np.arange(1, math.ceil(unbranched * filters.peak / step) + 1) - 0.5
+    # a response is above an edge between two ages, on either side of its peak
+    young, old = filters.ages_above(np.minimum(edges * step / unbranched, filters.peak))
 
     def exponent(counts_until: Callable[[Floats], Floats]) -> ComplexArray:
-        # Counts whose response lies between two edges of the lattice.
+        """Return the exponent of the characteristic function by the mean counts below an age."""
+        # counts whose response lies between two edges of the lattice
         counts = np.zeros(_POINTS)
         above = counts_until(old) - counts_until(young)
         counts[1 : above.size + 1] = above - np.append(above[1:], 0.0)
@@ -462,7 +489,8 @@ def compound_poisson_decision(
         branched = sum(p * spectrum[(m * _INDEX) % _POINTS] for m, p in enumerate(borel, 1))
         return np.asarray(branched - counts.sum())
 
-    # shifted up by a whole number of steps, so that samples below 0 lie on the lattice
+    # Characteristic functions (cf) with the sign of `numpy.fft`, exp(-i w X). The sample is shifted
+    # up by a whole number of steps, so that values below 0 lie on the lattice.
     cf_zero = np.exp(
         exponent(lambda age: low * age)
         - 0.5 * (thermal_std * frequency) ** 2
@@ -470,6 +498,7 @@ def compound_poisson_decision(
     )
 
     def bit(ago: int) -> ComplexArray:
+        """Return the factor of a one `ago` bits before the present one, less what is removed."""
         log_cf = exponent(lambda age: (high - low) * filters.light_since(age, ago, bit_time))
         return np.asarray(np.exp(log_cf + 1j * frequency * removed[ago]))
 
@@ -482,12 +511,16 @@ def compound_poisson_decision(
     missed = np.concatenate(([0.0], np.cumsum(np.fft.irfft(cf_one, _POINTS))))
     false = np.concatenate((np.cumsum(np.fft.irfft(cf_zero, _POINTS)[::-1])[::-1], [0.0]))
     index = int(np.argmin(missed + false))  # the lowest lattice point above the threshold
-    ber = max(0.5 * float(missed[index] + false[index]), 0.0)
+    ber = max(0.5 * float(missed[index] + false[index]), 0.0)  # rounding may leave it below 0
+    # half a step below that point, less the shift
     return ber, (index - 0.5 - math.ceil(below / step)) * step
 
 
 def _borel(branching: float) -> Floats:
-    """Return the probabilities of 1, 2, ... avalanches per primary, down to 1e-16, of sum 1."""
+    """Return the probabilities of 1, 2, ... avalanches per primary, scaled to a sum of 1.
+
+    Those below 1e-16 and of 400 avalanches or more are left out.
+    """
     from scipy.special import gammaln
 
     m = np.arange(1, 400)

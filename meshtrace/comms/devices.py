@@ -53,9 +53,9 @@ class SiPM(Model, frozen=True):
     """Silicon photomultiplier with crosstalk, afterpulses, dark counts and dead time.
 
     Every primary avalanche starts a Poisson number of secondary ones of mean
-    lam = -ln(1 - P_CT - P_AP), and so on (Borel branching). Poisson primaries of mean N then give
-    generalized Poisson counts of mean N / (1 - lam) and variance N / (1 - lam)^3, that is an excess
-    noise factor F = 1 / (1 - lam) on SNR^2 = N / F.
+    lam = -ln(1 - P_CT - P_AP), and so on (Borel branching). Poisson primaries of mean m then give
+    generalized Poisson counts of mean m / (1 - lam) and variance m / (1 - lam)^3, that is an excess
+    noise factor F = 1 / (1 - lam): the mean over the standard deviation is sqrt(m / F).
 
     Parameters
     ----------
@@ -79,9 +79,9 @@ class SiPM(Model, frozen=True):
 
     Notes
     -----
-    Afterpulses are treated as prompt, which is conservative. The defaults are the paper's table of
-    the onsemi MicroFJ-30020; the paper's NEP of 3.42e-15 W Hz^-1/2 needs a PDE of 40 %, its table
-    says 30 %. The recovery time is not in the paper.
+    Afterpulses are treated as prompt, which is conservative. The defaults are those of the onsemi
+    MicroFJ-30020 in the table of the paper (docs/paper.md), whose NEP of 3.42e-15 W Hz^-1/2 needs a
+    PDE of 40 % where its table says 30 %. The recovery time is not in the paper.
 
     References
     ----------
@@ -131,7 +131,7 @@ class SiPM(Model, frozen=True):
         return 1.0 / (2.0 * math.pi * self.bandwidth)
 
     def count_rate(self, power: ArrayLike, wavelength: float) -> Floats:
-        """Return the primary counts per second under light, PDE P / E_ph, before saturation.
+        """Return the primary counts of light before saturation, PDE P / E_ph [s-1].
 
         Parameters
         ----------
@@ -143,7 +143,9 @@ class SiPM(Model, frozen=True):
         return self._pde(wavelength) * np.asarray(power, dtype=float) / photon_energy(wavelength)
 
     def saturated_rate(self, rate: ArrayLike) -> Floats:
-        """Return the counts that the cells pass on at a high rate, r / (1 + r tau / N).
+        """Return the primary counts that cells with a dead time register [s-1].
+
+        r / (1 + r tau / N),  tau the recovery time, N the number of cells
 
         Parameters
         ----------
@@ -152,15 +154,15 @@ class SiPM(Model, frozen=True):
 
         Notes
         -----
-        Non-paralysable dead time, light spread evenly over the cells.
+        Each cell has a non-paralysable dead time, and the light is spread evenly over the cells.
         """
         r = np.asarray(rate, dtype=float)
         return r / (1.0 + r * self.recovery_time / self.n_spads)
 
     def fano_factor(self, rate: ArrayLike) -> Floats:
-        """Return the variance of the counts that saturated cells pass on over their mean.
+        """Return the Fano factor of the counts that saturated cells register: variance over mean.
 
-        1 / (1 + x)^2,  x = r tau / N
+        1 / (1 + x)^2,  x = r tau / N as in `saturated_rate`
 
         Parameters
         ----------
@@ -169,7 +171,9 @@ class SiPM(Model, frozen=True):
 
         Notes
         -----
-        Asymptotic law of the renewal process of a dead time, for times much longer than it.
+        The intervals between the counts of a cell are its dead time plus an exponential time, of
+        mean tau + N / r and standard deviation N / r. Over times much longer than these the
+        variance of a renewal process over its mean is their squared ratio (Cox).
 
         References
         ----------
@@ -188,20 +192,22 @@ class SiPM(Model, frozen=True):
         photons : array_like
             Photons on the device n_ph, any shape.
         wavelength : float
-            Wavelength [m], for an efficiency given by a table.
+            Wavelength [m], which matters for an efficiency from a table only; by default that of
+            `LedDriver`.
         """
         n = self.n_spads
         return -n * np.expm1(-self._pde(wavelength) * np.asarray(photons, dtype=float) / n)
 
     def bias_current(self, rate: ArrayLike) -> Floats:
-        """Return the mean current [A] of primary counts r [s-1], G e F r."""
-        current = self.gain * _ELEMENTARY_CHARGE * self.excess_noise_factor
-        return current * self.saturated_rate(rate)
+        """Return the mean current [A] of primary counts [s-1], G e F times their saturated rate."""
+        # F is also the mean number of avalanches per primary count
+        charge = self.gain * _ELEMENTARY_CHARGE * self.excess_noise_factor
+        return charge * self.saturated_rate(rate)
 
     def nep_paper(self, wavelength: float) -> float:
         """Return the noise-equivalent power as the paper prints it.
 
-        NEP = E_ph F sqrt(f_c) / PDE (1 + sqrt(1 + 2 DCR / f_c))
+        NEP = (E_ph F sqrt(f_c) / PDE) (1 + sqrt(1 + 2 DCR / f_c))
 
         Parameters
         ----------
@@ -215,9 +221,9 @@ class SiPM(Model, frozen=True):
 
         Notes
         -----
-        Paper, eq. NEP. It drops F inside the root (+0.29 %), and it is limited by the signal's own
-        shot noise, so that it depends on the bandwidth: `noise_power_paper` then mixes the
-        bandwidths f_c and R_b / 2. The consistent form is `p_min`.
+        Paper, eq. NEP. It omits the F inside the root (+0.29 %). As it is limited by the signal's
+        shot noise, it depends on the bandwidth, and `noise_power_paper` mixes the bandwidths f_c
+        and R_b / 2. The consistent form is `p_min`.
 
         Examples
         --------
@@ -247,8 +253,8 @@ class SiPM(Model, frozen=True):
     def p_min(self, wavelength: float, noise_bandwidth: Positive) -> float:
         """Return the optical power whose SNR is 1 in a bandwidth B.
 
-        P_min = E_ph F B / PDE (1 + sqrt(1 + 2 DCR / (F B))),
-        from PDE n_ph / sqrt(2 B F (PDE n_ph + DCR)) = 1
+        P_min = (E_ph F B / PDE) (1 + sqrt(1 + 2 DCR / (F B))),
+        from r / sqrt(2 B F (r + DCR)) = 1 with the count rate r = PDE P_min / E_ph
 
         Parameters
         ----------
@@ -267,7 +273,7 @@ class SiPM(Model, frozen=True):
         Refused
             If the bandwidth is not positive.
         """
-        # the positive root of (PDE n_ph)^2 = 2 F B (PDE n_ph + DCR)
+        # the positive root of r^2 = 2 F B (r + DCR)
         fb = self.excess_noise_factor * noise_bandwidth
         root = 1.0 + math.sqrt(1.0 + 2.0 * self.dark_count_rate / fb)
         return photon_energy(wavelength) * fb / self._pde(wavelength) * root
@@ -293,15 +299,16 @@ class Tia(Model, frozen=True):
     temperature: Positive = 300.0
 
     def thermal_noise(self, gain: Positive) -> float:
-        """Return the one-sided thermal noise in count units, S = 4 k T / R / (G e)^2 [s-2 Hz-1].
+        """Return the density of the thermal noise in count units [s-2 Hz-1].
+
+        S = (4 k T / R) / (G e)^2, one-sided (Johnson noise of the current, in counts of charge G e)
 
         Parameters
         ----------
         gain : float
             Charge per count G [electrons].
         """
-        # Johnson noise, one-sided
-        current = 4.0 * _BOLTZMANN * self.temperature / self.resistance
+        current = 4.0 * _BOLTZMANN * self.temperature / self.resistance  # density [A2 Hz-1]
         return current / (gain * _ELEMENTARY_CHARGE) ** 2
 
 
@@ -374,7 +381,8 @@ class LedDriver(Model, frozen=True):
 class OpticalFrontEnd(Model, frozen=True):
     """Lens or concentrator, and filter, in front of the SiPM.
 
-    eta = min(1, A_SiPM n^2 / (A_lens n_medium^2 sin^2(fov / 2)))
+    The share of the light in the field of view that reaches the detector is at most
+    eta = min(1, A_SiPM n^2 / (A_lens n_medium^2 sin^2(fov / 2))).
 
     Parameters
     ----------
@@ -401,12 +409,13 @@ class OpticalFrontEnd(Model, frozen=True):
 
     Notes
     -----
-    Departs from the paper, which takes all light through a lens of 5 cm radius with 60 degrees of
-    field of view onto 9.43 mm2. That needs a concentration of 833, and no optics can exceed
-    n^2 / sin^2(fov / 2) = 9: the loss is 19.7 dB (optical). `etendue_limited=False` is its form.
+    This departs from the paper (docs/paper.md), which takes all light through a lens of 5 cm radius
+    with 60 degrees of field of view onto 9.43 mm2. That needs a concentration of 833, and no optics
+    can exceed n^2 / sin^2(fov / 2) = 9: the loss is 19.7 dB (optical). `etendue_limited=False`
+    selects the paper's form.
 
-    The filter covers the aperture: light meets it under its angle of arrival. Behind a
-    concentrator it would meet wider angles.
+    The filter covers the aperture, so that light meets it at its angle of arrival. Behind a
+    concentrator it would meet the filter at wider angles.
 
     References
     ----------
@@ -437,7 +446,7 @@ class OpticalFrontEnd(Model, frozen=True):
 
     @property
     def spectral(self) -> bool:
-        """Whether the filter is other than a band of one transmission around the signal."""
+        """Whether the filter is anything but a band of constant transmission around the signal."""
         shaped = isinstance(self.filter_transmission, Curve) or self.filter_center_nm is not None
         return shaped or self.filter_index is not None
 
@@ -462,11 +471,13 @@ class OpticalFrontEnd(Model, frozen=True):
             return transmission.wavelength_nm[0], transmission.wavelength_nm[-1]
         center = wavelength_nm if self.filter_center_nm is None else self.filter_center_nm
         half = 0.5 * self.filter_width_nm
+        # a band wider than twice its centre must still have wavelengths > 0
         return max(center - half, 1e-3), center + half
 
     @property
     def _acceptance(self) -> float:
-        """Area times projected solid angle of the entrance aperture [m2 sr]."""
+        """Area times projected solid angle of the field of view [m2 sr]."""
+        # pi r^2 times pi sin^2(fov / 2)
         half_angle = math.radians(0.5 * self.fov_deg)
         return math.pi * math.pi * self.radius**2 * math.sin(half_angle) ** 2
 
@@ -481,8 +492,8 @@ class OpticalFrontEnd(Model, frozen=True):
         if not self.etendue_limited:
             return 1.0
         index = self.concentrator_index / self.medium_index
-        # the most etendue a detector accepts, from a
-        # hemisphere in its medium (Winston et al., chapter 2)
+        # The largest etendue that a detector accepts is that of a hemisphere in its medium
+        # (Winston et al., chapter 2). Etendue is n^2 times area times projected solid angle.
         limit = math.pi * detector_area * index**2
         return min(1.0, limit / self._acceptance)
 
@@ -491,13 +502,16 @@ class OpticalFrontEnd(Model, frozen=True):
         return self.concentration_efficiency(detector_area) * self.peak_transmission
 
     def background_power(self, radiance_per_nm: NonNegative, detector_area: float) -> float:
-        """Return the background light on the detector, P_b = L dlambda T G.
+        """Return the power of background light on the detector.
+
+        P_b = L dlambda T G,  with the width dlambda and the largest transmission T of the filter
+        and the part G [m2 sr] of the etendue that reaches the detector
 
         Parameters
         ----------
         radiance_per_nm : float
-            Spectral radiance of the scene L [W m-2 nm-1 sr-1]; some 8.6e-8 upwelling under a full
-            moon, a rough order of magnitude.
+            Spectral radiance of the scene L [W m-2 nm-1 sr-1]; that of the water under a full moon
+            is of the order of 8.6e-8.
         detector_area : float
             Active area [m2].
 

@@ -1,4 +1,4 @@
-"""On-off keying over a SiPM: from optical power on the device to bit errors.
+"""On-off keying received by a SiPM: from optical power on the device to bit errors.
 
 `OokLink` joins the LED, the optics, the SiPM and the amplifier at one bit rate. `OokLink.ber` maps
 optical power to the bit error rate under a receiver model (`meshtrace.comms.receivers`).
@@ -29,9 +29,9 @@ from meshtrace.models import Floats, Model, NonNegative
 
 Preset = Literal["physical", "paper", "paper-ranges"]
 
-_BLOCK = 256
-_NEGLIGIBLE_CURSOR = 1e-9
-_MOST_POWER = 1e9  # [W]
+_BLOCK = 256  # powers decided at a time: bounds memory, as each has up to 2^memory patterns
+_NEGLIGIBLE_CURSOR = 1e-9  # share of a bit in the sample [1] below which its bit is left out
+_MOST_POWER = 1e9  # [W], far above any source: stands for unlimited power in searches
 
 
 class OokLink(Model, frozen=True):
@@ -87,16 +87,18 @@ class OokLink(Model, frozen=True):
 
     Notes
     -----
-    The sample is taken at the end of the bit, the best instant behind a causal low-pass, and behind
-    a channel later by the median delay of its response. Light is shaped by the LED's pole and the
-    channel, the noise of the counts by the receiver's filters only. In count units
+    The sample is taken at the end of the bit, which is the best instant for a causal low-pass
+    filter; behind a channel it is later by the median delay of the response. The LED's pole and the
+    channel shape the light, the receiver's filters alone the noise of the counts. In count units
     (charge over gain, secondaries divided out),
 
         mean = r0 + (r1 - r0) sum(b_k w_k)
         variance = F [r0 E + (r1 - r0) sum(b_k v_k)] + S E / 2,  E = int g^2
 
-    with w_k, v_k, E from `PulseFilters` and dark and background counts in r0 and r1. Means and
-    variances of all patterns share one threshold, which minimises the error rate.
+    with the bits b_k = 0 or 1, their shares w_k and v_k in the mean and in the shot noise and the
+    impulse response g of the receiver from `PulseFilters`, the count rates r0 and r1 of long zeros
+    and ones with dark and background counts, `SiPM.excess_noise_factor` F and `Tia.thermal_noise`
+    S. All patterns share the one threshold that minimises the error rate.
 
     The error rates of the Gaussian model W and of the exact law CP, each with its own best
     threshold, agree within 8 % (0.1 dB in power) at 1e-2 and 1e-3 for 1, 5 and 10 Mbit/s. The
@@ -136,13 +138,14 @@ class OokLink(Model, frozen=True):
     @pydantic.field_validator("model", mode="before")
     @classmethod
     def _known_model(cls, model: Any) -> str | ReceiverModel:
+        # a model with default fields is stored by its kind, so that plain data stay short
         receiver = ReceiverModel.read(model)
         kind = str(receiver.model_dump()["kind"])
         return receiver if receiver.model_dump(exclude_defaults=True) else kind
 
     @pydantic.model_validator(mode="after")
     def _consistent(self) -> Self:
-        # 1 / R_b is rounded: a window of one bit may come out a last bit longer
+        # 1 / R_b is rounded: a window of one bit may exceed it in the last binary digit
         if self.window is not None and self.window > self.bit_time * (1.0 + 1e-12):
             raise Refused("window", self.window, f"0 <= window <= {self.bit_time} s")
         if self.saturation_noise == "renewal" and self.receiver.exact_counts:
@@ -158,7 +161,7 @@ class OokLink(Model, frozen=True):
         ----------
         name : {"physical", "paper", "paper-ranges"}
             "physical" is model W behind etendue-limited optics; "paper" model PC behind a loss-free
-            lens; "paper-ranges" the same with its label set, see `status`.
+            lens; "paper-ranges" is "paper" with `calibration` set, see `status`.
         **fields
             Any other field of the class, such as `bit_rate`.
 
@@ -178,7 +181,7 @@ class OokLink(Model, frozen=True):
     def of_link(
         cls, link: Link, base: OokLink | Preset = "physical", bit_rate: float | None = None
     ) -> Self:
-        """Return the transmission that belongs to a link.
+        """Return the on-off keyed transmission over a link.
 
         Parameters
         ----------
@@ -204,9 +207,10 @@ class OokLink(Model, frozen=True):
         if len(link.receivers) != 1:
             raise Refused("receiver", f"{len(link.receivers)} apertures", "one aperture")
         aperture: Any = link.receivers[0]
-        first = link.transmitters[0]
+        first = link.transmitters[0]  # its wavelength counts for all
         base = base if isinstance(base, OokLink) else cls.preset(base)
         power = 1e-3 * sum(t.power_mw for t in link.transmitters)
+        # a `Receiver` is in air, any other aperture in water
         index = link.n_air if isinstance(aperture, Receiver) else link.water.n
         changes = {
             "bit_rate": base.bit_rate if bit_rate is None else bit_rate,
@@ -218,7 +222,7 @@ class OokLink(Model, frozen=True):
         return cls.model_validate(dict(base) | changes)
 
     def channel(self, link: Link) -> Link:
-        """Return a link with the absorption scaled as the calibration requires.
+        """Return a link with its absorption scaled by `absorption_factor`.
 
         Parameters
         ----------
@@ -229,13 +233,14 @@ class OokLink(Model, frozen=True):
         if factor == 1.0:
             return link
         changes: dict[str, Any] = {"a": factor * water.a}
-        if water.layers is not None:
+        if water.layers is not None:  # of depth [m], absorption and scattering [m-1]
             changes["layers"] = tuple((z, factor * a, b) for z, a, b in water.layers)
         return link.model_copy(update={"water": water.model_copy(update=changes)})
 
     @property
     def absorption_factor(self) -> float:
-        """Factor on the water's absorption in the channel gain."""
+        """Factor on the water's absorption in the channel gain [1]."""
+        # empirical, from the ranges that the paper prints: no cause is known, see `status`
         return 2.0 if self.calibration == "paper-ranges" else 1.0
 
     @property
@@ -266,10 +271,11 @@ class OokLink(Model, frozen=True):
 
     @property
     def on_detector(self) -> OokLink:
-        """The link with default optics: the same to all that starts from the power on the SiPM.
+        """Copy of the link reduced to what matters for a given power on the SiPM.
 
-        Without a response that counts as instantaneous. Where light has a spectrum, both stay:
-        counts for a power follow the filter.
+        The optics are the default ones, and a response that counts as instantaneous is dropped, so
+        that links that differ in these alone share cached results. A spectral link stays as it is:
+        its counts per power depend on the filter and the response.
         """
         if self.spectral:
             return self
@@ -279,9 +285,9 @@ class OokLink(Model, frozen=True):
     @property
     def filters(self) -> PulseFilters:
         """LED pole, response of the channel, SiPM pole and averaging window in use."""
-        poles = self.led.time_constant, self.sipm.time_constant
+        tau_led, tau_sipm = self.led.time_constant, self.sipm.time_constant
         response = self.response if self.spread_in_bits >= SHORT else None
-        return PulseFilters(*poles, self.averaging_window, response)
+        return PulseFilters(tau_led, tau_sipm, self.averaging_window, response)
 
     @property
     def spread_in_bits(self) -> float:
@@ -289,7 +295,7 @@ class OokLink(Model, frozen=True):
         return 0.0 if self.response is None else self.response.rms_spread * self.bit_rate
 
     def received_power(self, gain: ArrayLike) -> Floats:
-        """Return the optical power on the SiPM for a channel gain [W], in the sense of `led.power`.
+        """Return the optical power on the SiPM [W] for a channel gain, in the sense of `led.power`.
 
         Parameters
         ----------
@@ -297,12 +303,12 @@ class OokLink(Model, frozen=True):
             Share of the emitted power that enters the aperture and field of view, any shape.
         """
         g = non_negative("gain", gain)
-        lens = self.optics.concentration_efficiency(self.sipm.area)
-        return self.led.power * (lens * self.filter_share) * g
+        concentrated = self.optics.concentration_efficiency(self.sipm.area)
+        return self.led.power * (concentrated * self.filter_share) * g
 
     @property
     def spectral(self) -> bool:
-        """Whether light and counts are integrals over wavelength, not products."""
+        """Whether power and counts are integrals over wavelength instead of plain products."""
         led = self.led
         return led.width_nm > 0.0 or led.spectrum is not None or self.optics.spectral
 
@@ -322,28 +328,33 @@ class OokLink(Model, frozen=True):
         if not self.spectral:
             return self.sipm.count_rate(power, self.led.wavelength)
         passed = signal_passed(self)
-        # the power is behind the filter, whose share must not count twice
+        # `power` is already behind the filter, so that its share must not count twice
         efficiency = passed.counted / passed.share if passed.share > 0.0 else 0.0
         power = np.asarray(power, dtype=float)
         return efficiency * power / photon_energy(self.led.wavelength)
 
     def background_count_rate(self, background: Any) -> float:
-        """Return the primary counts of a background, see `results.Background.count_rate`."""
-        if not hasattr(background, "radiance"):  # a room above this one
+        """Return the primary counts of a background [s-1], see `results.Background.count_rate`."""
+        # by its attribute: `Background` is defined above this package, which must not import it
+        if not hasattr(background, "radiance"):
             raise Refused("background", Described(type(background).__name__), "a Background")
-        optics, nm = self.optics, background.wavelength_nm
+        optics, background_nm = self.optics, background.wavelength_nm
         power = optics.background_power(background.radiance, self.sipm.area)
         if not (self.spectral or isinstance(self.sipm.pde, Curve)):
-            return float(self.sipm.count_rate(power, 1e-9 * nm))
-        day = background.provenance.get("daylight")
-        irradiance = Daylight.model_validate(day).spectrum if day else np.ones_like
-        # `background_power` takes the light as flat over the filter; `background_counted` does the
-        # filter over the spectrum, and the flat one is divided out
+            return float(self.sipm.count_rate(power, 1e-9 * background_nm))
+        daylight = background.provenance.get("daylight")
+        # without a record of the daylight its spectrum counts as flat
+        irradiance = Daylight.model_validate(daylight).spectrum if daylight else np.ones_like
+        # `background_power` takes the spectrum as flat over the filter. Its width and transmission
+        # are divided out [W nm-1]: the integral of `background_counted` [nm] has the filter in it.
         per_nm = power / (optics.equivalent_width_nm * optics.peak_transmission)
-        return per_nm * background_counted(self, nm, irradiance) / photon_energy(1e-9 * nm)
+        energy = photon_energy(1e-9 * background_nm)
+        return per_nm * background_counted(self, background_nm, irradiance) / energy
 
     def levels(self, power: ArrayLike) -> tuple[Floats, Floats]:
-        """Return the primary count rates of long zeros and long ones [s-1], with dark counts.
+        """Return the primary count rates of long zeros and long ones [s-1].
+
+        Dark and background counts are included, and the saturation of the cells if it is on.
 
         Parameters
         ----------
@@ -356,9 +367,9 @@ class OokLink(Model, frozen=True):
         return self.sipm.saturated_rate(low), self.sipm.saturated_rate(high)
 
     def shot_levels(self, power: ArrayLike) -> tuple[Floats, Floats]:
-        """Return the count rates with the Poisson noise of long zeros and long ones [s-1].
+        """Return the rates of Poisson counts with the shot noise of long zeros and ones [s-1].
 
-        Those of `levels`, times the Fano factor of saturated cells with renewal noise.
+        These are `levels`, times the Fano factor of saturated cells if the noise is renewal noise.
 
         Parameters
         ----------
@@ -368,7 +379,7 @@ class OokLink(Model, frozen=True):
         low, high = self.levels(power)
         if not self.renewal_noise:
             return low, high
-        # the renewal process is that of primaries: their rate before saturation
+        # the Fano factor is a function of the rate before saturation
         fano_zero, fano_one = (self.sipm.fano_factor(rate) for rate in self._rates(power))
         return low * fano_zero, high * fano_one
 
@@ -383,25 +394,32 @@ class OokLink(Model, frozen=True):
     def _rates(self, power: ArrayLike) -> tuple[Floats, Floats]:
         """Return the primary count rates of long zeros and ones before saturation [s-1]."""
         signal = self.count_rate(non_negative("power", power, _MOST_POWER))
-        dark = self.sipm.dark_count_rate + self.background_rate
+        constant = self.sipm.dark_count_rate + self.background_rate
         low, high = self.led.levels(signal)
-        # these counts do not follow the bits, so that the extinction ratio is not theirs
-        return low + dark, high + dark
+        # dark and background counts do not follow the bits: no extinction ratio applies to them
+        return low + constant, high + constant
 
     def patterns(self) -> NDArray[np.bool_]:
-        """Return the bit patterns (p, k) that matter: present bit, earlier, next ones."""
+        """Return all p patterns of the k bits that matter (p, k).
+
+        The columns are the present bit, the earlier ones (latest first), and the next ones.
+        """
         filters = self.filters
+        # behind a channel the sample is late, and light of the next bits may be in it
         ahead = min(filters.bits_ahead(self.bit_time), self.memory - 1)
         earlier = filters.mean_cursors(self.bit_time, self.memory)[: self.memory - ahead]
-        # every further bit doubles the patterns: bits whose tail has died out are left away
+        # every further bit doubles the patterns: bits whose tail has died out are left out
         last = np.flatnonzero(earlier > _NEGLIGIBLE_CURSOR).max(initial=0)
         count = 1 + int(last) + ahead
         return np.array(np.unravel_index(np.arange(2**count), (2,) * count)).T.astype(bool)
 
     def equalized(self, count: Annotated[int, Field(ge=1, le=2**20)]) -> NDArray[np.bool_]:
-        """Return which of the bits (count,) decision feedback, if any, knows: the earlier ones."""
-        ago = np.arange(count)
-        earlier = (ago > 0) & (ago < count - self.filters.bits_ahead(self.bit_time))
+        """Return which of the bits, ordered as in `patterns`, decision feedback removes (count,).
+
+        These are the earlier ones, which the receiver has already decided; none without equaliser.
+        """
+        column = np.arange(count)
+        earlier = (column > 0) & (column < count - self.filters.bits_ahead(self.bit_time))
         return earlier & (self.equalizer == "dfe")
 
     def moments(
@@ -445,12 +463,12 @@ class OokLink(Model, frozen=True):
         """
         p = non_negative("power", power, _MOST_POWER)
         flat = p.ravel()
-        out = np.full(flat.shape, 0.5)
+        ber = np.full(flat.shape, 0.5)
         nonzero = np.flatnonzero(flat > 0.0)
         for start in range(0, nonzero.size, _BLOCK):
             block = nonzero[start : start + _BLOCK]
-            out[block] = self.receiver.decide(self, flat[block]).ber
-        return out.reshape(p.shape)
+            ber[block] = self.receiver.decide(self, flat[block]).ber
+        return ber.reshape(p.shape)
 
     def threshold(self, power: Annotated[float, Field(gt=0.0, lt=_MOST_POWER)]) -> float:
         """Return the best decision threshold at a received power.
@@ -510,7 +528,8 @@ class OokLink(Model, frozen=True):
         low = self.required_power(ber)
         if not self.saturation or self.sipm.recovery_time == 0.0 or math.isinf(low):
             return math.inf
-        # from just above the root below, which is found to its last digits only
+        # The search starts just above the required power, which is the other root: rounding may
+        # put the error rate there on the wrong side of the limit.
         return _crossing(lambda p: math.log(ber / max(float(self.ber(p)), 1e-300)), 1.001 * low)
 
     def eye(
@@ -535,13 +554,14 @@ class OokLink(Model, frozen=True):
         Raises
         ------
         Refused
-            If the model has no pulses (G0, GP), or there is no light.
+            If the model has no pulses (G0, GP), or the power is not positive.
         """
         if not self.receiver.has_pulses:
             raise Refused("model", self.model, "a model with pulses, as W, A, CP, PC")
         bits = self.patterns()
         phases = np.arange(1, points + 1) / points
         moments = [self.moments(power, float(phase)) for phase in phases]
+        # (points, patterns)
         level, variance = (np.stack(part) for part in zip(*moments, strict=True))
         std = np.sqrt(variance)
         ber = pattern_decision(level, std, bits[:, 0]).ber
@@ -551,18 +571,24 @@ class OokLink(Model, frozen=True):
 
 @functools.lru_cache(maxsize=1024)
 def _required_power(link: OokLink, ber: float) -> float:
-    per_watt = float(link.count_rate(1.0))
-    if per_watt == 0.0:
+    """Return the lowest power that reaches a bit error rate, or inf [W]."""
+    counts_per_joule = float(link.count_rate(1.0))
+    if counts_per_joule == 0.0:
         return math.inf
-    # 1e-9 counts in a bit: no light to speak of
-    start = 1e-9 * link.bit_rate / per_watt
-    likely = start * 4.0**11  # on the same steps: hundredths of a count in a bit rarely suffice
+    # 1e-9 counts in a bit: too little light for any target
+    start = 1e-9 * link.bit_rate / counts_per_joule
+    # Eleven steps of `_crossing` further, 4e-3 counts in a bit rarely suffice: most searches can
+    # begin there, on the same steps.
+    likely = start * 4.0**11
 
-    def excess(power: float) -> float:  # nearly straight over the logarithm of the power
+    def excess(power: float) -> float:
+        # logarithms make it smooth over decades of power; 1e-300 keeps an underflow finite
         return math.log(max(float(link.ber(power)), 1e-300) / ber)
 
     receiver = link.receiver
-    if receiver.has_pulses and not receiver.exact_counts:  # a closed eye, at once
+    # An eye that intersymbol interference closes stays closed at any power. One error rate, at the
+    # greatest power and without saturation, tells so and spares the search.
+    if receiver.has_pulses and not receiver.exact_counts:
         unlimited = link.model_copy(update={"saturation": False})
         if float(unlimited.ber(_MOST_POWER)) >= ber:
             return math.inf
@@ -570,13 +596,14 @@ def _required_power(link: OokLink, ber: float) -> float:
 
 
 def _crossing(excess: Callable[[float], float], start: float) -> float:
-    """Return the root of `excess` after its first fall below 0 in steps of 4 from `start`, or inf.
+    """Return the first power at which `excess` falls below 0, or inf [W].
 
-    `excess` is not negative at `start`.
+    It is sought upwards from `start` [W], where `excess` is not negative, in factors of 4.
     """
     from scipy.optimize import brentq
 
     # Small steps: saturated cells close the eye again, and a wide bracket could hold both roots.
+    # 45 of them span 27 decades; `_MOST_POWER` ends most searches sooner.
     for low in start * 4.0 ** np.arange(45):
         if 4.0 * low > _MOST_POWER:
             break

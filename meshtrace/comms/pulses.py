@@ -75,7 +75,7 @@ class PulseFilters:
         return self._step(t, [(1.0 / w, 0.0), (-1.0 / w, a)], [(-math.expm1(-a * w) / w, a)])
 
     def shot_step(self, t: ArrayLike) -> Floats:
-        """Return the shot-noise variance [s-1] `t` [s] after, int g(u)^2 l(t - u) du."""
+        """Return the shot-noise variance [s-1] `t` [s] after that, int g(u)^2 l(t - u) du."""
         a, w = 1.0 / self.tau_sipm, self.window
         if w == 0.0:
             return self._step(t, [], [(a * a, 2.0 * a)])
@@ -125,7 +125,7 @@ class PulseFilters:
     def mean_cursors(
         self, bit_time: float, count: Annotated[int, Field(ge=1, le=2**20)], phase: float = 1.0
     ) -> Floats:
-        """Return the shares of bits in the sample of one of them: present, earlier, next ones.
+        """Return the shares of the present, earlier and next bits in the sample of the present one.
 
         w_0 = s(phase T),  w_k = s((k + phase) T) - s((k + phase - 1) T)
 
@@ -148,13 +148,13 @@ class PulseFilters:
     def shot_cursors(
         self, bit_time: float, count: Annotated[int, Field(ge=1, le=2**20)], phase: float = 1.0
     ) -> Floats:
-        """Return the shares v_k [s-1] of these bits in the shot noise, as `mean_cursors`."""
+        """Return the shares v_k [s-1] of the bits in the shot noise, ordered as `mean_cursors`."""
         return self._cursors(self.shot_step, bit_time, count, phase)
 
     def slot_shares(
         self, bit_time: Positive, count: Annotated[int, Field(ge=1, le=2**20)]
     ) -> Floats:
-        """Return the shares of the light of these bits in one slot of T, as `mean_cursors`.
+        """Return the shares of the bits' light in one slot of T, ordered as `mean_cursors`.
 
         The channel alone, without the poles and the window.
         """
@@ -237,7 +237,7 @@ class Eye(NamedTuple):
 
     @property
     def _inner(self) -> tuple[int, int]:
-        """Lowest level of a one and highest of a zero at the end of the bit."""
+        """Indices of the patterns with the lowest one and highest zero at the end of the bit."""
         is_one, end = self.bits[:, 0], self.level[:, -1]
         lowest = np.argmin(np.where(is_one, end, np.inf))
         return int(lowest), int(np.argmax(np.where(is_one, -np.inf, end)))

@@ -147,13 +147,13 @@ def _nodes(t: Floats, w: Floats, pulses: int) -> Floats:
 
 
 def spread_of(t: Floats, w: Floats) -> float:
-    """Return the root variance of delays by their weights."""
+    """Return the rms spread of delays t with weights w [s]."""
     mean = float(w @ t) / float(w.sum())
     return float(np.sqrt(w @ (t - mean) ** 2 / w.sum()))
 
 
 def _angles(angle: Floats, weight: Floats) -> list[float]:
-    """Return angles [deg] with equal shares of the light, each of the mean squared sine."""
+    """Return angles [deg] that stand for equal shares of the light by their mean squared sine."""
     known = np.isfinite(angle)
     if not weight[known].sum() >= 0.5 * weight.sum():
         return []

@@ -25,10 +25,10 @@ from meshtrace.models import Floats, Model, NonNegative, Positive
 from meshtrace.tables import PLAUSIBLE_NM, Column, read_columns
 from meshtrace.units import convert, cycles, is_convertible
 
-_NODES = 2001  # over the spectrum of a source or a band
-_RAYS = 512  # angles of a filled field of view
-_WIDTHS = 4.0  # of half a Gaussian spectrum, in full widths at half maximum
-_FWHM = 2.0 * math.sqrt(2.0 * math.log(2.0))
+_NODES = 2001  # wavelengths over the spectrum of a source or a band; tuned: error against time
+_RAYS = 512  # angles of a filled field of view; tuned: error against time
+_WIDTHS = 4.0  # where a Gaussian spectrum is cut on either side, in full widths at half maximum
+_FWHM = 2.0 * math.sqrt(2.0 * math.log(2.0))  # of a Gaussian, in standard deviations
 
 
 _COLUMNS = (
@@ -97,20 +97,24 @@ class Curve(Model, frozen=True):
 
 
 def _read_curve(data: dict[str, Any], *, share: bool = False) -> dict[str, Any]:
-    """Return the fields of a curve in a file; shares may be in per cent, but in no other unit."""
+    """Return the fields of a `Curve` from a file.
+
+    With `share` the values are shares, in per cent or without unit. Other values may have any unit,
+    as their scale does not matter, but not one of a density over frequency.
+    """
     require_keys(data, ["file"])
     path = data["file"]
     if not isinstance(path, str):
         raise Refused("file", path, "the path of a text file")
     table = read_columns(path, _COLUMNS)
-    nm, (value, value_unit) = table["wavelength"], table["value"]
-    unit = value_unit.unit if value_unit else None
+    nm, (value, heading) = table["wavelength"], table["value"]
+    unit = heading.unit if heading else None
     if unit and (share or is_convertible(unit, "1")):
-        scaled = convert(value, unit, "1", f"{path}: column {value_unit.text if value_unit else 2}")
+        scaled = convert(value, unit, "1", f"{path}: column {heading.text if heading else 2}")
         if not np.array_equal(scaled, value):
             warn_of_input(f"{path}: value in {unit} converted to shares")
         value = scaled
-    elif cycles(unit):
+    elif cycles(unit):  # W/Hz, for instance
         raise Refused(path, Described(f"values in {unit}"), "values over wavelength")
     return {"wavelength_nm": nm.values.tolist(), "value": value.tolist()}
 
@@ -130,22 +134,24 @@ def _share_or_curve(value: Any, _: Any, info: pydantic.ValidationInfo) -> float 
 
 
 def _ook(value: Any) -> Any:
-    """Return an `OokLink`, which a module above this one defines; refuse other objects."""
+    """Return an `OokLink`; refuse other objects."""
+    # by its attribute: `ook` imports this module, so that its class cannot be imported here
     if not hasattr(value, "optics"):
         raise Refused("", Described(type(value).__name__), "an OokLink")
     return value
 
 
-Transmission = Annotated[Any, pydantic.AfterValidator(_ook)]
+Transmission = Annotated[Any, pydantic.AfterValidator(_ook)]  # an `OokLink`
 
 Share = Annotated[float | Curve, pydantic.WrapValidator(_share_or_curve)]
 """A share, or shares over wavelength."""
 
 
 class Passed(NamedTuple):
-    """Light behind a filter: its share, and the share times the efficiency of the detector.
+    """Share of the light that passes a filter, and counts per photon in front of the filter.
 
-    `counted` is relative to photons of the signal's wavelength at an efficiency of 1.
+    `counted` is the number of counts over that of an efficiency of 1 if all light in front of the
+    filter had the signal's wavelength.
     """
 
     share: float
@@ -153,68 +159,71 @@ class Passed(NamedTuple):
 
 
 def _view(fov_deg: float) -> Floats:
-    """Return squared sines of incidence that share the light of a filled field of view equally."""
+    """Return sin^2 of angles of incidence (n,) that have equal parts of a uniform scene's light."""
     # projected solid angle, and with it the light of a uniform scene, is proportional to sin^2
     edge = math.sin(math.radians(0.5 * fov_deg)) ** 2
     return edge * (np.arange(_RAYS) + 0.5) / _RAYS
 
 
 def _factors(sin2: Floats, index: float | None) -> Floats:
-    """Return the factors on the wavelengths of an interference filter."""
+    """Return the factors f(theta) on the wavelengths of a filter, see `signal_passed`."""
     return np.ones(1) if index is None else np.sqrt(1.0 - sin2 / index**2)
 
 
 @check_call
 @functools.lru_cache(maxsize=256)
 def signal_passed(ook: Transmission) -> Passed:
-    r"""Return the share of the LED's light that passes the filter, and that is counted.
+    r"""Return the share of the LED's light that passes the filter, and its counts.
 
     .. math:: S = \int s(\lambda) \, g(\lambda) \,
         \langle T(\lambda / f(\theta)) \rangle \, d\lambda, \quad
         f(\theta) = \sqrt{1 - (\sin\theta / n_\mathrm{eff})^2}
 
     with the spectrum s of unit area, the gain of the channel g over that at the signal's
-    wavelength, and the mean over the angles of arrival.
+    wavelength, and the mean over the angles of arrival. For the counts the integrand has the
+    further factor PDE(lambda) lambda / lambda_signal.
     """
-    nm = 1e9 * ook.led.wavelength
-    at, density = _source(ook, nm)
+    signal_nm = 1e9 * ook.led.wavelength
+    at, weight = _source(ook, signal_nm)
     gain = ook.gain_spectrum
     if gain is None and ook.response is not None:
         gain = ook.response.gain_spectrum
     if gain is not None:
-        here = float(gain.at(nm))
-        if here == 0.0:
-            lowest, *_, highest = gain.wavelength_nm
-            raise Refused("gain_spectrum", nm, f"light at the signal, {lowest:g} ... {highest:g}")
-        density = density * gain.at(at) / here
-    angles = _view(ook.optics.fov_deg)
+        signal_gain = float(gain.at(signal_nm))
+        if signal_gain == 0.0:
+            low, *_, high = gain.wavelength_nm
+            raise Refused("gain_spectrum", signal_nm, f"light at the signal, {low:g} ... {high:g}")
+        weight = weight * gain.at(at) / signal_gain
+    sin2 = _view(ook.optics.fov_deg)
     if ook.response is not None and ook.response.angle_deg:
-        angles = np.sin(np.radians(ook.response.angle_deg)) ** 2
-    # photons per energy grow with the wavelength
-    counted = density * ook.sipm.pde_at(at) * at / nm
-    return Passed(*(_through(ook.optics, nm, at, w, angles) for w in (density, counted)))
+        sin2 = np.sin(np.radians(ook.response.angle_deg)) ** 2
+    # a joule has photons in proportion to the wavelength
+    counts = weight * ook.sipm.pde_at(at) * at / signal_nm
+    return Passed(*(_through(ook.optics, signal_nm, at, w, sin2) for w in (weight, counts)))
 
 
 def lit_band(ook: Transmission) -> tuple[float, float]:
-    """Return the ends of the light of the LED that can pass the filter [nm], equal for one colour.
+    """Return the limits of the LED's wavelengths that can pass the filter [nm].
 
-    Of a Gaussian spectrum light farther than two full widths, 3e-6 of all, is left out.
+    Both are the signal's wavelength for an LED of a single wavelength. The light of a Gaussian
+    spectrum more than two full widths at half maximum from its centre, 3e-6 of all, is left out.
     """
-    led, nm = ook.led, 1e9 * ook.led.wavelength
-    low, high = nm - 2.0 * led.width_nm, nm + 2.0 * led.width_nm
+    led, signal_nm = ook.led, 1e9 * ook.led.wavelength
+    low, high = signal_nm - 2.0 * led.width_nm, signal_nm + 2.0 * led.width_nm
     if led.spectrum is not None:
         low, *_, high = led.spectrum.wavelength_nm
-    first, last = ook.optics.band(nm)
-    # slanted light passes at shorter wavelengths
+    first, last = ook.optics.band(signal_nm)
+    # light at oblique incidence passes at shorter wavelengths
     first *= float(_factors(_view(ook.optics.fov_deg), ook.optics.filter_index).min())
-    return max(low, min(first, nm)), min(high, max(last, nm))
+    # a filter that misses the signal's wavelength is widened up to it
+    return max(low, min(first, signal_nm)), min(high, max(last, signal_nm))
 
 
 @check_call
 def background_counted(
     ook: Transmission, nm: Positive, irradiance: Callable[[Floats], Floats]
 ) -> float:
-    r"""Return the integral of background light behind the filter over wavelength [nm].
+    r"""Return the counts of background light behind the filter as an equivalent width [nm].
 
     .. math:: \int \frac{L(\lambda)}{L(\lambda_0)} \langle T(\lambda / f(\theta)) \rangle
         \mathrm{PDE}(\lambda) \frac{\lambda}{\lambda_0} \, d\lambda
@@ -226,30 +235,31 @@ def background_counted(
     nm : float
         Wavelength of the background :math:`\lambda_0` [nm].
     irradiance : callable
-        Returns the spectrum over that at this wavelength, at wavelengths (n,) [nm].
+        Function of wavelengths (n,) [nm] that returns L over L at the background's wavelength.
     """
     optics = ook.optics
-    angles = _view(optics.fov_deg)
+    sin2 = _view(optics.fov_deg)
     low, high = optics.band(1e9 * ook.led.wavelength)
-    low *= float(_factors(angles, optics.filter_index).min())
-    # the edges of a band lie inside the nodes
+    low *= float(_factors(sin2, optics.filter_index).min())
+    # the nodes reach beyond the edges of the band, so that the edges lie between nodes
     beyond = 0.01 * (high - low)
     at = np.linspace(max(low - beyond, 1e-3), high + beyond, _NODES)
     allowed = "a function of wavelengths (n,) [nm] that returns a number for each"
     with refusing("irradiance", allowed):
         spectrum = np.broadcast_to(require_array(irradiance(at), "irradiance", allowed), at.shape)
     weight = spectrum * ook.sipm.pde_at(at) * at / nm * (at[1] - at[0])
-    return _through(optics, 1e9 * ook.led.wavelength, at, weight, angles)
+    return _through(optics, 1e9 * ook.led.wavelength, at, weight, sin2)
 
 
 def _source(ook: Transmission, nm: float) -> tuple[Floats, Floats]:
-    """Return wavelengths and the shares of the LED's light at them."""
+    """Return wavelengths (n,) [nm] and the shares of the LED's light at them, of sum 1."""
     led = ook.led
     if led.spectrum is not None:
         at = np.linspace(led.spectrum.wavelength_nm[0], led.spectrum.wavelength_nm[-1], _NODES)
         density = led.spectrum.at(at)
     elif led.width_nm > 0.0:
         at = nm + led.width_nm * np.linspace(-_WIDTHS, _WIDTHS, _NODES)
+        # a wide spectrum is cut at wavelength 0
         density = np.exp(-0.5 * ((at - nm) * _FWHM / led.width_nm) ** 2) * (at > 0.0)
     else:
         return np.array([nm]), np.ones(1)
@@ -257,17 +267,18 @@ def _source(ook: Transmission, nm: float) -> tuple[Floats, Floats]:
 
 
 def _through(optics: Any, signal_nm: float, at: Floats, weight: Floats, sin2: Floats) -> float:
-    """Return the sum of weights (n,) behind a filter, averaged over angles."""
+    """Return the sum of weights (n,) that pass a filter, averaged over angles of incidence."""
     factors = _factors(sin2, optics.filter_index)[:, None]
     transmission = optics.filter_transmission
     if isinstance(transmission, Curve):
-        # light under theta meets the transmission of lambda / f(theta) at normal incidence
+        # light at an angle theta meets the transmission of lambda / f(theta) at normal incidence
         return float((transmission.at(at / factors) @ weight).mean())
     low, high = optics.band(signal_nm)
     if len(at) == 1:
-        seen = (low * factors <= at) & (at <= high * factors)
-        return float(transmission * weight[0] * seen.mean())
-    # the light between edges that fall between the nodes, each of which stands for a cell
+        passes = (low * factors <= at) & (at <= high * factors)
+        return float(transmission * weight[0] * passes.mean())
+    # The edges of the band fall between nodes. Each node stands for a cell of one step, and the
+    # cumulative sum at the edges of the cells is interpolated to those of the band.
     step = at[1] - at[0]
     edges = np.append(at - 0.5 * step, at[-1] + 0.5 * step)
     sums = np.append(0.0, np.cumsum(weight))

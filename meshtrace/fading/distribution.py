@@ -1,4 +1,4 @@
-"""Gains without their Monte Carlo noise: intervals, distribution, and laws fitted to them."""
+"""Distribution of gains without their Monte Carlo noise: index, outage, intervals, fitted laws."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MOST_RESAMPLES = 10**6
 
 
 def checked_gain(gain: ArrayLike) -> Floats:
-    """Return the gains as an array of two or more, not all 0."""
+    """Return the gains as an array (n,); refuse fewer than two, invalid ones, and all 0."""
     g = require_array(gain, "gain", "(n,) with n >= 2")
     if g.ndim != 1 or g.size < 2:
         raise Refused("gain", Described(f"shape {g.shape}"), "(n,) with n >= 2")
@@ -42,7 +42,7 @@ def checked_gain(gain: ArrayLike) -> Floats:
 
 
 def checked(gain: ArrayLike, gain_stderr: ArrayLike | None) -> tuple[Floats, Floats]:
-    """Return the gains and the variance of the Monte Carlo error of each."""
+    """Return the gains and the variance of the Monte Carlo error of each, both (n,)."""
     g = checked_gain(gain)
     if gain_stderr is None:
         return g, np.zeros_like(g)
@@ -55,13 +55,14 @@ def checked(gain: ArrayLike, gain_stderr: ArrayLike | None) -> tuple[Floats, Flo
 
 
 def _check_values(name: str, values: Floats) -> None:
+    """Refuse values that are negative or not finite."""
     bad = np.flatnonzero(~(np.isfinite(values) & (values >= 0.0)))
     if bad.size:
         raise Refused(f"{name}[{bad[0]}]", float(values[bad[0]]), "finite values >= 0")
 
 
 def checked_step(time: ArrayLike, n: int) -> float:
-    """Return the time step [s] of equally spaced times."""
+    """Return the step [s] of n equally spaced times; refuse others."""
     t = require_array(time, "time", f"({n},), one time [s] per gain")
     if t.shape != (n,):
         raise Refused("time", Described(f"shape {t.shape}"), f"({n},), one time [s] per gain")
@@ -77,18 +78,18 @@ def checked_step(time: ArrayLike, n: int) -> float:
 
 Resamples = Annotated[int, Field(ge=FEWEST_RESAMPLES, le=MOST_RESAMPLES)]
 Threshold = Annotated[float, Field(gt=0.0, lt=math.inf), Infinite()]
-"""Level of a gain [1]; that of an eye that no gain opens is the largest number."""
+"""Threshold of a gain [1] > 0; the largest number stands for one that no gain reaches."""
 
 
 def check_effective(n_effective: float | None, n: int) -> float:
-    """Return the number of independent samples, by default n."""
+    """Return the number of independent samples, by default n; refuse one outside 1 ... n."""
     if n_effective is None:
         return float(n)
     return require_between(n_effective, 1.0, n, "n_effective", "[]", f"1 <= n_effective <= {n}")
 
 
 def level_of(gain: Floats, threshold: float, relative_to: Reference) -> float:
-    """Return the threshold as a gain."""
+    """Return a threshold that is relative to the gains (n,) as a gain itself."""
     if relative_to == "absolute":
         return threshold
     return threshold * float(gain.mean() if relative_to == "mean" else np.median(gain))
@@ -101,18 +102,20 @@ def remove_noise(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> Float
     .. math:: \ln g' = \overline{\ln g} + \sqrt{1 - \overline{(s/g)^2} / \mathrm{Var}(\ln g)}
               \; (\ln g - \overline{\ln g}) + \mathrm{const}
 
+    with the standard errors s and the constant that preserves the mean gain.
+
     Parameters
     ----------
     gain : array_like, shape (n,)
         Channel gains [1].
     gain_stderr : array_like, shape () or (n,), optional
-        Independent standard error of each gain [1]; without it the gains are returned as is.
+        Independent standard error of each gain [1]; without it the gains are returned unchanged.
 
     Returns
     -------
     ndarray, shape (n,)
-        Gains [1] of the same order and mean, whose log-variance is that of the fading alone;
-        all equal if the noise explains the whole spread.
+        Gains [1] in the same order and with the same mean, whose log-variance is that of the
+        fading alone; all equal if the noise explains the whole spread.
 
     Raises
     ------
@@ -121,8 +124,8 @@ def remove_noise(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> Float
 
     Notes
     -----
-    The shape of the noise is not deconvolved, only its variance removed. The expansion of the
-    logarithm needs relative errors below about 0.3; gains of zero stay zero. The mean is kept.
+    Only the variance of the noise is removed; its shape is not deconvolved. The expansion of the
+    logarithm needs relative errors below about 0.3. Gains of zero stay zero.
 
     Examples
     --------
@@ -135,16 +138,16 @@ def remove_noise(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> Float
     if not noise.any() or log_gain.size < 2 or np.ptp(log_gain) == 0.0:
         return g.copy()
     # to first order the noise adds (s / g)^2 to the variance of ln g
-    share = 1.0 - np.mean(noise[nonzero] / g[nonzero] ** 2) / log_gain.var(ddof=1)
-    if share <= 0.0:
+    fading_share = 1.0 - np.mean(noise[nonzero] / g[nonzero] ** 2) / log_gain.var(ddof=1)
+    if fading_share <= 0.0:
         return np.where(nonzero, g[nonzero].mean(), 0.0)
     denoised = np.zeros_like(g)
-    denoised[nonzero] = np.exp(math.sqrt(share) * (log_gain - log_gain.mean()))
+    denoised[nonzero] = np.exp(math.sqrt(fading_share) * (log_gain - log_gain.mean()))
     return denoised * (g.mean() / denoised.mean())
 
 
 class Estimate(NamedTuple):
-    """A value with its confidence interval; ``float(estimate)`` is the value."""
+    """Value with its confidence interval; ``float(estimate)`` is the value."""
 
     value: float
     low: float
@@ -155,7 +158,11 @@ class Estimate(NamedTuple):
 
 
 def block_means(columns: Iterable[Floats], block: int, resamples: int, seed: int) -> Floats:
-    """Return the means (p, resamples) of p columns (n,) over the same random moving blocks."""
+    """Return the means (p, resamples) of p columns (n,) over random moving blocks.
+
+    A replicate is made of about n / block blocks of `block` neighbours, which start anywhere and
+    are the same in all columns.
+    """
     require_seed(seed)
     rng = np.random.default_rng(seed)
     starts = None
@@ -164,18 +171,20 @@ def block_means(columns: Iterable[Floats], block: int, resamples: int, seed: int
         n = column.size
         if starts is None:
             starts = rng.integers(0, n - block + 1, (resamples, max(1, round(n / block))))
-        total = np.concatenate([[0.0], np.cumsum(column)])
-        means.append((total[starts + block] - total[starts]).mean(axis=1) / block)
+        # sums of blocks as differences of the cumulative sum
+        cumulative = np.concatenate([[0.0], np.cumsum(column)])
+        means.append((cumulative[starts + block] - cumulative[starts]).mean(axis=1) / block)
     return np.stack(means)
 
 
 def block_interval(
     value: float, replicates: Floats, n_blocks: float, confidence: float
 ) -> Estimate:
-    """Return the interval of a positive quantity by its replicates over moving blocks.
+    """Return the interval of a positive quantity from its replicates over moving blocks.
 
-    The central 68 % of the replicates, in the logarithm, stretched to `confidence` with Student's
-    t: few blocks make plain percentiles too narrow (85 % instead of 95 % with 25 blocks).
+    The central 68 % of the replicates (one standard deviation of a normal law), in the logarithm,
+    is stretched to `confidence` with Student's t: with few blocks plain percentiles are too narrow
+    (they cover 85 % instead of 95 % with 25 blocks).
     """
     from scipy import special
 
@@ -184,17 +193,17 @@ def block_interval(
     )
     if not 0.0 < middle < math.inf:
         return Estimate(value, 0.0, math.inf)
-    freedom = max(n_blocks - 1.0, 1.0)
-    # blocks drawn with replacement have a variance low by (n - 1) / n
-    stretch = special.stdtrit(freedom, 0.5 + 0.5 * confidence) * math.sqrt(1.0 + 1.0 / freedom)
+    degrees = max(n_blocks - 1.0, 1.0)  # of freedom
+    # the mean of n blocks drawn with replacement has a variance too small by (n - 1) / n
+    stretch = special.stdtrit(degrees, 0.5 + 0.5 * confidence) * math.sqrt(1.0 + 1.0 / degrees)
     with np.errstate(over="ignore"):
         low, high = value * (np.array([low, high]) / middle) ** stretch
     return Estimate(value, float(low), float(high))
 
 
-# Below this number the jackknife of the BCa bootstrap has too little to work on.
+# With fewer gains the jackknife of the BCa bootstrap is unreliable: plain percentiles instead.
 _FEWEST_ACCELERATED = 8
-# Bound of memory: gains resampled at a time.
+# Gains resampled at a time: bounds memory.
 _BATCH_ELEMENTS = 1_000_000
 
 
@@ -208,7 +217,7 @@ def scintillation_index(
     resamples: Resamples = 1999,
     seed: Seed = 1,
 ) -> Estimate:
-    r"""Return the scintillation index, Monte Carlo variance removed, with its interval.
+    r"""Return the scintillation index without the Monte Carlo variance, and its interval.
 
     .. math:: \mathrm{SI} = (\mathrm{Var}(g) - \overline{s^2}) / \overline{g}^2
 
@@ -228,8 +237,8 @@ def scintillation_index(
     Returns
     -------
     Estimate
-        Index [1] and its limits. With the noise removed it is unbiased, hence negative at times
-        where there is no fading.
+        Index [1] and its limits. With the noise removed it is unbiased, and may therefore be
+        negative where there is no fading.
 
     Raises
     ------
@@ -238,10 +247,11 @@ def scintillation_index(
 
     Notes
     -----
-    Var divides by n - 1. Independent gains: bias-corrected accelerated (BCa) bootstrap of the
-    pairs (gain, error), below 8 gains its percentiles. Series: moving blocks; the index of a
-    short record is low by about SI / n_eff, see `effective_samples`. Heavy tails (SI above 0.3)
-    need thousands of samples before any such interval covers as often as it says.
+    Var divides by n - 1. The interval of independent gains is the bias-corrected accelerated (BCa)
+    bootstrap of the pairs (gain, error), or its plain percentiles below 8 gains. That of a series
+    resamples moving blocks; the index of a short record is low by about SI / n_eff, see
+    `effective_samples`. With heavy tails (SI above 0.3) it takes thousands of samples before any
+    such interval has its nominal coverage.
 
     References
     ----------
@@ -256,7 +266,7 @@ def scintillation_index(
     """
     g, noise = checked(gain, gain_stderr)
     require_whole(block, 1, g.size // 2, "block")
-    noise = noise / g.mean() ** 2
+    noise = noise / g.mean() ** 2  # variances of gain / mean
     g = g / g.mean()
     value = float(_scintillation(g, noise))
     # the bootstrap of equal gains is degenerate
@@ -279,22 +289,23 @@ def scintillation_index(
         ).confidence_interval
         return Estimate(value, float(interval.low), float(interval.high))
     mean, square = block_means((g, g**2), block, resamples, seed)
-    # n - 1 in place of n, as in the value itself
-    raw = (square / mean**2 - 1.0) * g.size / (g.size - 1.0)
-    # The interval is that of the raw index, which is positive: less the noise it may be negative,
-    # which the logarithm of `block_interval` does not take.
-    seen = block_interval(float(_scintillation(g, 0.0 * g)), raw, g.size / block, confidence)
-    return Estimate(value, seen.low - float(noise.mean()), seen.high - float(noise.mean()))
+    # the variance divides by n - 1, as in the value itself
+    noisy = (square / mean**2 - 1.0) * g.size / (g.size - 1.0)
+    # The interval is that of the index with its noise, which is positive. Without the noise it may
+    # be negative, and `block_interval` takes logarithms.
+    limits = block_interval(float(_scintillation(g, 0.0 * g)), noisy, g.size / block, confidence)
+    return Estimate(value, limits.low - float(noise.mean()), limits.high - float(noise.mean()))
 
 
 def _scintillation(g: Floats, noise: Floats, axis: int = -1) -> Floats:
-    excess, mean = g.var(axis, ddof=1) - noise.mean(axis), g.mean(axis)
-    # A resample of blocked links alone has no light: count it as no fading.
-    return np.divide(excess, mean**2, out=np.zeros_like(mean), where=mean > 0.0)
+    """Return the index of gains with error variances `noise` along an axis, as scipy calls it."""
+    fading, mean = g.var(axis, ddof=1) - noise.mean(axis), g.mean(axis)
+    # A resample may hold blocked links alone, without any light: it counts as no fading.
+    return np.divide(fading, mean**2, out=np.zeros_like(mean), where=mean > 0.0)
 
 
 class Histogram(NamedTuple):
-    """A probability density over bins: edges (m + 1,), density (m,) and its stderr (m,)."""
+    """Probability density over bins: edges (m + 1,), density (m,) and its stderr (m,)."""
 
     edges: Annotated[Floats, Variable("gain_bin_edge", name="gain_bin_edge")]
     density: Annotated[Floats, Variable("gain_bin", name="gain_pdf")]
@@ -302,7 +313,7 @@ class Histogram(NamedTuple):
 
 
 class Distribution(NamedTuple):
-    """An empirical CDF: sorted gains (n,), P(gain <= x) (n,) and its confidence limits (n,)."""
+    """Empirical CDF: sorted gains (n,), P(gain <= x) (n,) and its confidence limits (n,)."""
 
     gain: Annotated[Floats, Variable("gain")]
     probability: Annotated[Floats, Variable("gain", name="gain_cdf")]
@@ -364,14 +375,17 @@ def outage(
 
 
 def wilson_interval(probability: float, n: float, confidence: float) -> Estimate:
-    """Return a share of n independent samples with its Wilson interval."""
+    """Return a probability observed in n independent samples with its Wilson interval.
+
+    (p + z^2 / 2n -+ z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n)
+    """
     from scipy import special
 
     z2 = float(special.ndtri(0.5 + 0.5 * confidence)) ** 2
     scale = 1.0 / (1.0 + z2 / n)
     center = (probability + 0.5 * z2 / n) * scale
     half = math.sqrt(z2 / n * (probability * (1.0 - probability) + 0.25 * z2 / n)) * scale
-    # At 0 and 1 the exact limit is lost to rounding, and the value would lie outside.
+    # at 0 and 1 rounding may leave the value outside of its limits
     low, high = min(probability, center - half), max(probability, center + half)
     return Estimate(probability, max(0.0, low), min(1.0, high))
 
@@ -410,6 +424,7 @@ def gain_pdf(
     if not isinstance(bins, str):
         require_whole(bins, 1, 10**7, "bins")
     try:
+        # in units of the mean gain, by which the edges are multiplied below
         count, edges = np.histogram(g / g.mean(), bins=bins)
     except ValueError as error:
         raise Refused("bins", bins, "a number, or a rule as auto, fd, doane") from error
@@ -474,7 +489,7 @@ Law = Literal["lognormal", "gamma-gamma"]
 
 @dataclass(frozen=True)
 class DistributionFit:
-    """A law fitted to gains.
+    """Law fitted to gains by maximum likelihood.
 
     Parameters
     ----------
@@ -501,7 +516,7 @@ class DistributionFit:
 
     @property
     def aic(self) -> float:
-        """Akaike's criterion 2 k - 2 ln L; among laws for the same gains the least is best."""
+        """Akaike's criterion 2 k - 2 ln L; lower is better among laws for the same gains."""
         return 2.0 * self.n_free - 2.0 * self.log_likelihood
 
     @property
@@ -514,7 +529,7 @@ class DistributionFit:
 
     @property
     def law(self) -> Any:
-        """The law as a frozen scipy distribution: `pdf`, `cdf` (the outage probability), `rvs`."""
+        """Frozen scipy distribution with `pdf`, `cdf` (the outage probability), `rvs`."""
         from scipy import stats
 
         from meshtrace.fading.laws import gamma_gamma
@@ -526,7 +541,7 @@ class DistributionFit:
 
 
 class GoodnessOfFit(NamedTuple):
-    """Kolmogorov-Smirnov distance `ks` of a fitted law from `n` samples, and its p-value."""
+    """Kolmogorov-Smirnov distance `ks` between a fitted law and `n` gains, and its p-value."""
 
     model: Law
     ks: float
@@ -567,7 +582,8 @@ def fit_lognormal(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> Dist
     g = _fit_sample(gain, gain_stderr)
     log_gain = np.log(g)
     mu, sigma = float(log_gain.mean()), float(log_gain.std())
-    # of the gain, not of its logarithm (hence mu), so that the AIC compares laws
+    # the density of the gain has a factor 1 / g, whose logarithm adds up to -n mu: with it the AIC
+    # is comparable to that of other laws
     log_likelihood = -g.size * (mu + math.log(sigma) + 0.5 * math.log(2.0 * math.pi) + 0.5)
     return DistributionFit("lognormal", {"mu": mu, "sigma": sigma}, g.size, 2, log_likelihood)
 
@@ -576,7 +592,7 @@ def fit_lognormal(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> Dist
 def fit_gamma_gamma(
     gain: ArrayLike, gain_stderr: ArrayLike | None = None, *, n_effective: float | None = None
 ) -> DistributionFit:
-    r"""Fit a gamma-gamma law: moments refined by maximum likelihood.
+    r"""Fit a gamma-gamma law by maximum likelihood, from its moments as first guess.
 
     .. math:: \mathrm{SI} = 1/\alpha + 1/\beta + 1/(\alpha\beta), \quad
               \overline{h^3} / \overline{h^2} = (1 + 2/\alpha)(1 + 2/\beta)
@@ -586,7 +602,8 @@ def fit_gamma_gamma(
     gain, gain_stderr
         As in `remove_noise`, which is applied first.
     n_effective : float, optional
-        Number of independent samples, by default n; decides whether the shapes are identifiable.
+        Number of independent samples, by default n, which decides whether alpha and beta are
+        identifiable.
 
     Returns
     -------
@@ -602,9 +619,9 @@ def fit_gamma_gamma(
     -----
     The variance fixes one combination of the shapes; only the skewness separates them. The
     skewness of ln h lies between -sigma / 2 (alpha = beta) and -sigma (alpha infinite), with
-    sigma^2 = ln(1 + SI), and is known to sqrt(6 / n). Below n sigma^2 = 96 that is too
-    coarse at two standard errors: alpha = beta is fitted instead, and `note` says so. alpha is
-    limited to 1000 beta, which is a gamma law for every purpose.
+    sigma^2 = ln(1 + SI), and its standard error is sqrt(6 / n). Below n sigma^2 = 96 two standard
+    errors exceed that range: alpha = beta is fitted instead, and `note` says so. alpha is limited
+    to 1000 beta, which is a gamma law for every purpose.
 
     References
     ----------
@@ -663,13 +680,13 @@ def goodness_of_fit(
     Raises
     ------
     Refused
-        As the fits.
+        If a gain is 0, negative or not finite, or no variance is left beside the noise.
 
     Notes
     -----
-    The parameters come from the same gains, so the tables of the distance do not hold: D* is
-    measured on samples drawn from the fitted law and fitted again (parametric bootstrap). For a
-    series pass gains far enough apart to be independent.
+    As the parameters are fitted to the same gains, the tabulated law of the distance does not hold:
+    D* is measured on samples drawn from the fitted law and fitted again (parametric bootstrap). For
+    a series pass gains far enough apart to be independent.
 
     References
     ----------
@@ -698,11 +715,12 @@ def goodness_of_fit(
 
 
 def _fit_sample(gain: ArrayLike, gain_stderr: ArrayLike | None) -> Floats:
+    """Return the gains without their noise; refuse zeros, and gains that do not vary."""
     g = remove_noise(gain, gain_stderr)
     if not g.all():
         zeros = g.size - np.count_nonzero(g)
         raise Refused("gain", Described(f"{zeros} of {g.size} are 0"), "gains > 0 for a fit")
-    # rounding remains where `remove_noise` took the whole spread away
+    # where `remove_noise` takes the whole spread away, rounding may leave some of it
     if np.ptp(g) <= 1e-12 * g.max():
         reason = Described("no variance above the Monte Carlo noise")
         raise Refused("gain", reason, "gains that vary")
@@ -710,6 +728,7 @@ def _fit_sample(gain: ArrayLike, gain_stderr: ArrayLike | None) -> Floats:
 
 
 def _gamma_gamma_note(known: float, balance: float) -> str:
+    """Return the remark on a fit, for the fields of `laws.Likelihood`."""
     from meshtrace.fading.laws import LEAST_BALANCE, SAMPLES_TIMES_SI
 
     if known < SAMPLES_TIMES_SI:

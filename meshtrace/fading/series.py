@@ -24,7 +24,7 @@ from meshtrace.fading.distribution import (
 )
 from meshtrace.models import Floats
 
-# Bound of memory: blocks of one replicate.
+# Blocks of one replicate at most: bounds memory.
 _MOST_BLOCKS = 1000
 
 
@@ -32,7 +32,7 @@ _MOST_BLOCKS = 1000
 def autocorrelation(
     gain: ArrayLike, gain_stderr: ArrayLike | None = None, *, max_lag: int | None = None
 ) -> Floats:
-    r"""Return the autocorrelation of an equally spaced series, Monte Carlo noise removed.
+    r"""Return the autocorrelation of an equally spaced series without its Monte Carlo noise.
 
     .. math:: \rho_k = C_k / (C_0 - \overline{s^2}), \quad \rho_0 = 1
 
@@ -48,7 +48,7 @@ def autocorrelation(
     Returns
     -------
     ndarray, shape (max_lag + 1,)
-        Correlation coefficients at lags 0, 1, ... samples. Noise can take them beyond 1.
+        Correlation coefficients at lags 0, 1, ... samples. Noise may make them exceed 1.
 
     Raises
     ------
@@ -58,8 +58,8 @@ def autocorrelation(
 
     Notes
     -----
-    C_k is divided by the n - k pairs of the lag; its mean is the record's, so that all lags are
-    low by about Var / (number of independent samples).
+    C_k is the mean over the n - k pairs of gains at the lag k. It is taken about the mean of the
+    record, which makes it low at all lags by about Var / (number of independent samples).
 
     Examples
     --------
@@ -70,13 +70,13 @@ def autocorrelation(
     max_lag = g.size // 2 if max_lag is None else max_lag
     require_whole(max_lag, 0, g.size - 1, "max_lag")
     x = g / g.mean()
-    share = float(noise.mean()) / float(g.mean()) ** 2
-    variance = float(x.var()) - share
+    floor = float(noise.mean()) / float(g.mean()) ** 2  # variance of the noise of x
+    variance = float(x.var()) - floor
     if np.ptp(g) == 0.0 or not variance > 0.0:
         reason = Described(f"variance {x.var():.3g} of gain / mean")
-        raise Refused("gain", reason, f"more than that of the Monte Carlo noise, {share:.3g}")
+        raise Refused("gain", reason, f"more than that of the Monte Carlo noise, {floor:.3g}")
     rho = _autocovariance(x)[: max_lag + 1] / variance
-    # The noise is part of C_0 alone, which is larger than the variance of the fading.
+    # C_0 alone has the noise in it, so that it exceeds the variance of the fading
     rho[0] = 1.0
     return rho
 
@@ -104,10 +104,10 @@ def effective_samples(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> 
 
     Notes
     -----
-    The first sum holds for the mean, the second for the variance of a Gaussian process (it does
-    not cancel where the correlation oscillates, as that of waves does); the more careful of the
-    two is taken. Both sums end at the first lag beyond five times the second: Sokal's window,
-    with the squares because the first sum can pass through 0.
+    The first expression holds for the mean, the second for the variance of a Gaussian process (it
+    does not cancel where the correlation oscillates, as that of waves does); the larger of the two
+    is taken, as the safe choice. Both sums end at the first lag beyond five times the second
+    expression: this is Sokal's window with squares, as the first expression can pass through 0.
 
     References
     ----------
@@ -123,9 +123,9 @@ def effective_samples(gain: ArrayLike, gain_stderr: ArrayLike | None = None) -> 
     rho = autocorrelation(gain, gain_stderr)[1:]
     squares = 1.0 + 2.0 * np.cumsum(rho**2)
     beyond = np.flatnonzero(np.arange(1, rho.size + 1) >= 5.0 * squares)
-    window = beyond[0] if beyond.size else rho.size - 1
+    window = beyond[0] if beyond.size else rho.size - 1  # index of the last lag in the sums
     inflation = max(1.0 + 2.0 * float(rho[: window + 1].sum()), float(squares[window]))
-    # a series that is correlated throughout still is one sample
+    # a series that is correlated throughout is still one sample
     return float(np.size(gain) / min(inflation, np.size(gain)))
 
 
@@ -144,7 +144,8 @@ def block_length(gain: ArrayLike) -> int:
     Returns
     -------
     int
-        Block length in samples, n / 1000 to n / 4: longer blocks cost no accuracy there.
+        Block length in samples, n / 1000 to n / 4. The lower limit bounds memory, and longer blocks
+        cost no accuracy there.
 
     Raises
     ------
@@ -153,11 +154,11 @@ def block_length(gain: ArrayLike) -> int:
 
     Notes
     -----
-    Three times the length of Politis and White: theirs has the least mean square error of the
-    variance, but that variance is low by O(1 / b) and its intervals too narrow. Their
-    flat-top window reaches to the lag where the autocorrelation becomes insignificant. C is
-    that of the squared deviation from the mean, on which the scintillation index rests;
-    the correlation of the gain itself can cancel in the sum (waves oscillate).
+    This is three times the length of Politis and White: theirs has the least mean square error of
+    the variance, but that variance is low by O(1 / b) and its intervals are too narrow. lambda_k is
+    their flat-top taper (`flat_top`), and the sums run over lags of both signs. C_k is the
+    autocovariance of the squared deviation from the mean, on which the scintillation index rests;
+    that of the gain itself can cancel in the sum (waves oscillate).
 
     References
     ----------
@@ -178,33 +179,36 @@ def block_length(gain: ArrayLike) -> int:
 
 
 def _politis_white(x: Floats) -> float:
+    """Return the block length of Politis and White for a series (n,) [samples]."""
     n = x.size
     x = x - x.mean()
-    # each lag over n, not over its pairs, which keeps the estimate positive semidefinite
+    # each lag is divided by n, not by its number of pairs, which keeps the estimate positive
+    # semidefinite
     covariance = _autocovariance(x) * np.arange(n, 0, -1) / n
     if not covariance[0] > 0.0:
         return 1.0
     taper = flat_top(covariance / covariance[0])[1:]
     k = np.arange(1, taper.size + 1)
     tapered = taper * covariance[1 : taper.size + 1]
-    spectrum = covariance[0] + 2.0 * tapered.sum()
+    spectrum = covariance[0] + 2.0 * tapered.sum()  # spectral density at frequency 0
     if spectrum == 0.0:
         return float(n)
-    # 2 G^2 / D of `block_length`, with both signs of the lag in G and D
+    # (2 G^2 / D)^(1/3) n^(1/3) with G = 2 sum k C_k over lags > 0 and D = 4/3 spectrum^2
     return float((1.5 * (2.0 * np.sum(k * tapered) / spectrum) ** 2 * n) ** (1.0 / 3.0))
 
 
 def flat_top(rho: Floats) -> Floats:
     """Return the flat-top taper (m + 1,) of Politis and White for lags 0, 1, ... of a correlation.
 
-    It is 1 up to the lag from which on the correlation is insignificant, and 0 at twice that lag.
+    It is 1 up to the lag beyond which the correlation is insignificant, and 0 at twice that lag.
     """
     n = rho.size
+    # Politis and White's rules: K_n, m_max, and the bound (c = 2) below which `run` lags in
+    # succession make the correlation insignificant
     run = max(5, math.ceil(math.sqrt(math.log10(n))))
     last = min(n - 1, math.ceil(math.sqrt(n)) + run)
-    # Politis and White: lags within this bound are insignificant if `run` of them follow each other
     bound = 2.0 * math.sqrt(math.log10(n) / n)
-    # lags beyond the last count as insignificant, so that a window is always found
+    # lags beyond the last count as insignificant, so that there always is such a run
     quiet = np.append(np.abs(rho[1 : last + 1]) < bound, np.ones(run, dtype=bool))
     window = int(np.argmax(np.lib.stride_tricks.sliding_window_view(quiet, run).all(axis=1)))
     m = min(2 * max(window, 1), last)
@@ -212,7 +216,7 @@ def flat_top(rho: Floats) -> Floats:
 
 
 def _autocovariance(x: Floats) -> Floats:
-    """Return the autocovariance at lags 0..n-1, each lag divided by its number of pairs."""
+    """Return the autocovariance at lags 0, ..., n - 1, each divided by its number of pairs."""
     n = x.size
     # padded to twice the length, so that the lags do not wrap around
     spectrum = np.fft.rfft(x - x.mean(), 2 * n)
@@ -230,7 +234,7 @@ def coherence_time(
     resamples: Resamples = 999,
     seed: Seed = 1,
 ) -> Estimate:
-    r"""Return the time of the fall of the autocorrelation to 1/e, with its interval.
+    r"""Return the time in which the autocorrelation falls to 1/e, with its interval.
 
     .. math:: \rho(\tau_c) = 1 / e
 
@@ -252,8 +256,8 @@ def coherence_time(
     Returns
     -------
     Estimate
-        Coherence time [s] and its limits, linear between lags; infinite if the autocorrelation
-        stays above 1/e up to lag n // 2.
+        Coherence time [s] and its limits, interpolated between lags; infinite if the
+        autocorrelation stays above 1/e up to lag n // 2.
 
     Raises
     ------
@@ -263,8 +267,8 @@ def coherence_time(
 
     Notes
     -----
-    Below one time step the value is only an upper bound: use shorter steps. The interval resamples
-    blocks of the lagged products (Künsch's blocks of blocks).
+    Below one time step the value is only an upper bound: use shorter steps. For the interval blocks
+    of the lagged products are resampled (Künsch's blocks of blocks).
 
     References
     ----------
@@ -282,11 +286,12 @@ def coherence_time(
     rho = autocorrelation(g, gain_stderr)
     crossing = float(_first_crossing(rho[:, None])[0])
     if math.isinf(crossing):
+        # the time is longer than the largest lag
         return Estimate(math.inf, (rho.size - 1) * step, math.inf)
-    # room for replicates that cross later than the record
+    # four times the lag of the record's crossing leaves room for replicates that cross later
     lags = min(rho.size, 4 * math.ceil(crossing) + 2)
     block = series_block(block, g)
-    # A replicate without variance beside the noise never falls below 1/e.
+    # a replicate without variance beside the noise counts as one that never falls below 1/e
     replicates = _first_crossing(correlation_replicates(g, lags, block, resamples, seed, noise))
     interval = block_interval(crossing, replicates, g.size / block, confidence)
     return Estimate(interval.value * step, interval.low * step, interval.high * step)
@@ -295,35 +300,41 @@ def coherence_time(
 def correlation_replicates(
     g: Floats, lags: int, block: int, resamples: int, seed: int, noise: Floats | float = 0.0
 ) -> Floats:
-    """Return the autocorrelations (lags, resamples) of random moving blocks; 1 without variance."""
+    """Return the autocorrelations (lags, resamples) of replicates over random moving blocks.
+
+    `noise` are the variances of the Monte Carlo errors. Replicates without variance beside them
+    have the autocorrelation 1.
+    """
     x, pairs = g / g.mean() - 1.0, g.size - lags + 1
     products = (x[:pairs] * x[lag : lag + pairs] for lag in range(lags))
+    # the first column is the deviation itself, then the products at lags 0, 1, ...
     means = block_means(chain((x[:pairs],), products), block, resamples, seed)
     covariance = means[1:] - means[0] ** 2
+    # the noise is in lag 0 alone
     variance = covariance[0] - np.mean(noise) / g.mean() ** 2
     covariance[0] = variance
     return np.divide(covariance, variance, out=np.ones_like(covariance), where=variance > 0.0)
 
 
 def _first_crossing(rho: Floats) -> Floats:
-    """Return the first lag [samples] of 1/e along axis 0, interpolated; inf without a crossing."""
+    """Return the first lag [samples] at which each column falls to 1/e, interpolated, or inf."""
     level = math.exp(-1.0)
     below = rho <= level
     after = np.maximum(below.argmax(axis=0), 1)
     column = np.arange(rho.shape[1])
     high, low = rho[after - 1, column], rho[after, column]
-    drop = np.where(below.any(axis=0), high - low, 1.0)
+    drop = np.where(below.any(axis=0), high - low, 1.0)  # not 0, which it may be without a crossing
     return np.where(below.any(axis=0), after - 1 + (high - level) / drop, math.inf)
 
 
 def series_block(block: int | None, g: Floats) -> int:
-    """Return the length of the blocks of a series, by default `block_length`."""
+    """Return the block length of a series, by default `block_length`; refuse one above n / 2."""
     block = block_length(g) if block is None else block
     require_whole(block, 1, max(1, g.size // 2), "block")
     return block
 
 
-# Below this number of crossings block bootstraps have too little to work on.
+# With fewer crossings block bootstraps are unreliable: limits of a Poisson process instead.
 _FEWEST_CROSSINGS = 20
 
 
@@ -339,7 +350,7 @@ def level_crossing_rate(
     resamples: Resamples = 999,
     seed: Seed = 1,
 ) -> Estimate:
-    r"""Return the level-crossing rate of a threshold, downwards, with its interval.
+    r"""Return the rate of downward crossings of a threshold, with its interval.
 
     .. math:: N(h_0) = \#\{i : g_i \ge h_0 > g_{i+1}\} / (t_n - t_1)
 
@@ -363,8 +374,8 @@ def level_crossing_rate(
     Returns
     -------
     Estimate
-        Downward crossings per second [s-1] and the limits: moving blocks, or the Poisson limits
-        below 20 crossings.
+        Downward crossings per second [s-1] and their limits: by moving blocks, or those of a
+        Poisson law below 20 crossings.
 
     Raises
     ------
@@ -417,7 +428,7 @@ def mean_fade_duration(
     resamples: Resamples = 999,
     seed: Seed = 1,
 ) -> Estimate:
-    r"""Return the mean time the gain stays below a threshold, with the interval.
+    r"""Return the mean time for which the gain stays below a threshold, with its interval.
 
     .. math:: \bar\tau(h_0) = P(g < h_0) / N(h_0)
 
@@ -429,7 +440,7 @@ def mean_fade_duration(
     Returns
     -------
     Estimate
-        Mean fade duration [s] and the limits: moving blocks, or those of exponential durations
+        Mean fade duration [s] and its limits: by moving blocks, or those of exponential durations
         below 20 fades. NaN without a fade.
 
     Raises
@@ -439,9 +450,9 @@ def mean_fade_duration(
 
     Notes
     -----
-    The whole time below the threshold over the number of downward crossings: fades cut by an
-    end of the record count with their visible part, where leaving them out would favour
-    short ones. Fades shorter than a time step are missed.
+    This is the whole time below the threshold over the number of downward crossings: fades cut by
+    an end of the record count with their visible part, since leaving them out would favour short
+    ones. Fades shorter than a time step are missed.
 
     Examples
     --------
@@ -454,7 +465,7 @@ def mean_fade_duration(
 
     g, step, under = _record(time, gain, threshold, relative_to)
     fall = (~under[:-1] & under[1:]).astype(np.float64)
-    # by trapezoids: a sample next to a crossing stands for half a step on this side
+    # share of each step below the threshold, by trapezoids: half of a step that crosses it
     below = 0.5 * under[:-1] + 0.5 * under[1:]
     count = float(fall.sum())
     block = series_block(block, g)
@@ -463,11 +474,11 @@ def mean_fade_duration(
     value = float(below.sum()) * step / count
     if count < _FEWEST_CROSSINGS:
         tail = 0.5 - 0.5 * confidence
-        # n exponential durations add up to a gamma variable of shape n
-        most, least = special.gammaincinv(count, tail), special.gammainccinv(count, tail)
-        return Estimate(value, float(count * value / least), float(count * value / most))
-    low, falls = block_means((below, fall), min(block, fall.size), resamples, seed)
-    durations = step * np.divide(low, falls, out=np.full_like(low, math.inf), where=falls > 0.0)
+        # n exponential durations add up to a gamma variable of shape n: its quantiles
+        least, most = special.gammaincinv(count, tail), special.gammainccinv(count, tail)
+        return Estimate(value, float(count * value / most), float(count * value / least))
+    share, falls = block_means((below, fall), min(block, fall.size), resamples, seed)
+    durations = step * np.divide(share, falls, out=np.full_like(share, math.inf), where=falls > 0.0)
     return block_interval(value, durations, g.size / block, confidence)
 
 
@@ -475,7 +486,7 @@ def mean_fade_duration(
 def fade_durations(
     time: ArrayLike, gain: ArrayLike, threshold: float = 0.5, *, relative_to: Reference = "mean"
 ) -> Floats:
-    """Return the duration of each whole fade below a threshold.
+    """Return the durations of all whole fades below a threshold.
 
     Parameters
     ----------
@@ -486,7 +497,7 @@ def fade_durations(
     -------
     ndarray, shape (m,)
         Durations [s], whole numbers of steps. Fades cut by an end of the record are left out,
-        which favours short ones in a record of few: compare records of one length, or see
+        which favours short ones in a record of few fades: compare records of equal length, or see
         `mean_fade_duration`.
 
     Raises

@@ -1,9 +1,11 @@
-"""Closed forms of the fading of unscattered light over a Gaussian sea, and the waves it needs.
+"""Closed forms of the fading of unscattered light over a Gaussian sea, and the band it needs.
 
-In paraxial geometric optics, light that crosses the surface at P lands at P + beta s(P), in
-coordinates of the surface, with the slope s and the lever beta = (n - 1) h d / (d + n h). Over a
-homogeneous Gaussian sea the covariance of the gains at two times is an integral over the
-distance R of two crossings of the density with which both reach the aperture.
+In paraxial geometric optics, light that crosses the surface at P lands at P + beta s(P), with the
+plane of the receiver projected from the source onto the surface, the slope s of the surface and
+the lever beta = (n - 1) h d / (d + n h) of depth d, height h and relative index n. Two crossings at
+the distance vector R reach the aperture together with some probability density. Over a homogeneous
+Gaussian sea its integral over R, less that of independent crossings, is the covariance of the gains
+at two times.
 """
 
 from __future__ import annotations
@@ -24,17 +26,18 @@ from meshtrace.mesh import PlaneSurface, require_surface
 from meshtrace.models import Floats, Model
 from meshtrace.quadrature import gauss_legendre
 
-_DISTANCES = 130
-_AZIMUTHS = 24  # Gauss nodes in a quadrant
+_DISTANCES = 130  # nodes of R, about; tuned: error against time
+_AZIMUTHS = 24  # Gauss nodes in a quadrant; tuned: error against time
+# variances of the Gaussians in `_disk_mixture`, over the squared radius of the disk; tuned: its fit
 _DISK_WIDTHS = np.geomspace(0.02, 0.5, 8)
 
 
 class Lever(NamedTuple):
     """Paraxial geometry of a link."""
 
-    beta: float  # [m], displacement of the landing point per slope, at the surface
-    aperture: float  # [m], radius of the aperture, at the surface
-    height: float  # [m-1], relative change of the gain with the height of the crossing
+    beta: float  # [m], displacement of the landing point per slope, projected onto the surface
+    aperture: float  # [m], radius of the aperture, projected onto the surface
+    height: float  # [m-1], q: relative change of the gain per metre of height of the crossing
 
 
 @check_call
@@ -57,7 +60,7 @@ def scintillation_of_spectrum(
         The sea; its seed and its mesh do not matter. The index is that of the linear sea: `choppy`
         and `order` are left out (docs/nonlinear.md).
     omega_max : float, optional
-        Highest frequency of the waves [rad s-1]; all waves down to 1.3 mm by default.
+        Highest frequency of the waves [rad s-1]; by default all waves down to 1.3 mm.
     tilts : bool
         Whether slopes beyond `omega_max`, up to those of `surface.mss`, tilt the surface at random
         at every crossing, as in `Physics(unresolved="tilt")`.
@@ -81,23 +84,24 @@ def scintillation_of_spectrum(
 
     Notes
     -----
-    beta = (n - 1) h d / (d + n h) with depth d and height h, a = r / (1 + n h / d) is the
-    aperture at the surface, and D_ij(R) = 2 (C_ij(0) - C_ij(R)) is the structure tensor of the
-    slopes, with C_ij(R) = int k_i k_j Psi(k) cos(k . R) d^2k. The sum is a mixture of Gaussians
-    for the autocorrelation of the disk (2 % off at its centre, less than 1 % in SI). Caustics
-    are included. All slopes are Gaussian, those beyond the band too: `slope_law` of the sea is left
-    out.
+    N(R; m, V) is the density at R of a Gaussian with the mean m and the covariance V. The lever is
+    beta = (n - 1) h d / (d + n h) with depth d and height h, a = r / (1 + n h / d) is the radius of
+    the aperture projected onto the surface, and D_ij(R) = 2 (C_ij(0) - C_ij(R)) is the structure
+    tensor of the slopes, with the spectrum Psi and C_ij(R) = int k_i k_j Psi(k) cos(k . R) d^2k.
+    The sum over m is a mixture of Gaussians, of weights w_m and variances v_m a^2, for the
+    autocorrelation of the disk (2 % off at its centre, less than 1 % in SI). Caustics are included.
+    All slopes are Gaussian, those beyond the band too: `slope_law` of the sea is left out.
 
-    A crest is a longer way through water that absorbs and scatters, and nearer to the receiver:
-    light that crosses at the height eta has the weight exp(q eta), q = -c + 2 (n - 1) / (d + n h).
-    With `heights` the integral holds that weight, by its correlation with the slopes:
+    Light through a crest has a longer path in water that absorbs and scatters, and crosses nearer
+    to the receiver: at the height eta its weight is exp(q eta), q = -c + 2 (n - 1) / (d + n h).
+    With `heights` the integral includes that weight and its correlation with the slopes:
 
     .. math:: 1 + SI = \int d^2R \sum_m w_m
         N(R + 2 \beta q \nabla\rho; 0, \beta^2 D + v_m a^2 I) \, e^{q^2 \rho(R)}
 
-    with the covariance rho of the elevation. To first order in the waves it is
-    int (beta k^2 + q)^2 S d(omega). Heights take a seventh of an index as small as 0.0045, and
-    2 % at 0.09 (c = 0.114 m-1, the default geometry).
+    with the covariance rho of the elevation. To first order in the waves SI is
+    int (beta k^2 + q)^2 S d(omega). Heights reduce an index of 0.0045 by a seventh, and one of
+    0.09 by 2 % (c = 0.114 m-1, the default geometry).
 
     Examples
     --------
@@ -110,6 +114,7 @@ def scintillation_of_spectrum(
     """
     if omega_max is not None:
         require_between(omega_max, 0.0, math.inf, "omega_max")
+    # SI is the covariance at lag 0
     return float(
         _covariance(*_slopes_seen(link, surface, omega_max, tilts), np.zeros(1), heights)[0]
     )
@@ -183,10 +188,11 @@ def gain_autocovariance(
 
 
 def paraxial_lever(link: Any) -> Lever:
-    """Return the paraxial geometry of a link on its axis."""
+    """Return the paraxial geometry of a link; refuse one whose ends do not face each other."""
     if not hasattr(link, "transmitters"):
         raise Refused("link", Described(type(link).__name__), "a Link")
     down = getattr(link, "direction", "up") == "down"
+    # an end in the water has a depth, one in the air a height
     side, other = ("height", "depth") if down else ("depth", "height")
     places = {"depth": "under water", "height": "in the air"}
     if len(link.transmitters) != 1 or not hasattr(link.transmitters[0], side):
@@ -206,17 +212,19 @@ def paraxial_lever(link: Any) -> Lever:
     n = link.water.n / link.n_air
     d, h = (receiver.depth, source.height) if down else (source.depth, receiver.height)
     height = -link.water.c + 2.0 * (n - 1.0) / (d + n * h)
-    seen = n * h if down else d  # share of the aperture's radius at the surface
+    # Paraxial rays pass a height h in air as n h of water: the path from the source to the surface,
+    # over the whole path d + n h, scales the aperture projected onto the surface.
+    to_surface = n * h if down else d
     beta = (n - 1.0) * h * d / (d + n * h)
-    return Lever(beta, receiver.radius * seen / (d + n * h), height)
+    return Lever(beta, receiver.radius * to_surface / (d + n * h), height)
 
 
 def _slopes_seen(
     link: Any, surface: Any, omega_max: float | None, tilts: bool = True
 ) -> tuple[Lever, Any, tuple[float, float]]:
-    """Return geometry, slope spectrum, and slope variances of the waves beyond a band.
+    """Return geometry, slope spectrum, and slope variances (along, across) of waves beyond a band.
 
-    Refuse a field of view too narrow for light deflected by such waves.
+    Refuse a field of view too narrow for light that these slopes deflect.
     """
     _require_spectrum(surface)
     lever, spectrum = paraxial_lever(link), surface.slope_spectrum(omega_max)
@@ -225,9 +233,11 @@ def _slopes_seen(
         missing = surface.slopes_beyond(omega_max)
     slope = math.sqrt(max(spectrum.along_and_across) + max(missing))
     receiver = link.receivers[0]
-    away = receiver.height if hasattr(receiver, "height") else receiver.depth
-    # the footprint: three standard deviations of the slope times the lever, and the aperture
-    edge = (3.0 * lever.beta * slope + lever.aperture) / away
+    distance = receiver.height if hasattr(receiver, "height") else receiver.depth
+    # tangent of the angle to the edge of the footprint on the surface: three standard deviations of
+    # the slope times the lever, plus the aperture
+    edge = (3.0 * lever.beta * slope + lever.aperture) / distance
+    # tan(fov / 2) has its pole at 180 degrees
     if math.tan(math.radians(min(receiver.fov_deg, 179.0)) / 2.0) < edge:
         least = 2.0 * math.degrees(math.atan(edge))
         raise Refused("receiver.fov_deg", receiver.fov_deg, f">= {least:.3g}, the whole footprint")
@@ -235,7 +245,7 @@ def _slopes_seen(
 
 
 def _require_spectrum(surface: Any) -> None:
-    """Require a sea with a spectrum and a spreading."""
+    """Refuse a surface without a spectrum."""
     if not hasattr(surface, "slope_spectrum"):
         raise Refused(
             "surface", type(surface).__name__, "a sea with a spectrum: JonswapSea, SpectralSea"
@@ -245,48 +255,55 @@ def _require_spectrum(surface: Any) -> None:
 def _covariance(
     lever: Lever, spectrum: Any, missing: tuple[float, float], lags: Floats, heights: bool = False
 ) -> Floats:
-    """Integrate the density of pairs of crossings minus the density of independent pairs over R."""
+    """Return the covariance of the gain over its squared mean at time lags (nt,) [s].
+
+    This is the integral over R of the density with which two crossings reach the aperture minus
+    that of independent crossings, see `scintillation_of_spectrum`.
+    """
     variance = np.array(spectrum.along_and_across)
     scale = math.sqrt(lever.beta**2 * (variance.max() + max(missing)) + lever.aperture**2)
-    low = 1e-4 * min(scale, lever.aperture)
+    low = 1e-4 * min(scale, lever.aperture)  # the disk within is left out
     # both densities have vanished beyond 25 of their widths
     distance = spectrum.distances(low, 25.0 * scale, _DISTANCES)
     nodes, weights = gauss_legendre(_AZIMUTHS)
-    # the sea is symmetric about the wind; at a lag it has a forward direction
+    # All four quadrants about the wind are alike at lag 0. At a lag waves have moved forward, and
+    # only the two sides of the wind are alike.
     span = 0.5 * math.pi if not lags.any() else math.pi
     repeat = round(span / (0.5 * math.pi))
     azimuth = np.concatenate(
         [0.25 * math.pi * (nodes + 1.0) + i * 0.5 * math.pi for i in range(repeat)]
     )
+    # Gauss weights over a quadrant (factor pi / 4), times the number of alike parts of the circle
     weight = np.tile(weights, repeat) * 0.25 * math.pi * 2.0 * math.pi / span
-    covariance = spectrum.covariance(distance, azimuth, lags)
-    still = 2.0 * (variance + np.array(missing))
+    covariance = spectrum.covariance(distance, azimuth, lags)  # xx, yy, xy of (nt, nr, np)
+    far = 2.0 * (variance + np.array(missing))  # D_xx and D_yy of independent crossings
     # D = 2 (C(0) - C(R)); slopes beyond the band are independent
     # at two crossings, so that they are part of C(0) alone
-    spread = [still[0] - 2.0 * covariance[0], still[1] - 2.0 * covariance[1], -2.0 * covariance[2]]
+    near = [far[0] - 2.0 * covariance[0], far[1] - 2.0 * covariance[1], -2.0 * covariance[2]]
     x = distance[:, None] * np.cos(azimuth)
     y = distance[:, None] * np.sin(azimuth)
     moved_x, moved_y, weight_of_pair = x, y, 1.0
     if heights:
-        rho, slope_x, slope_y = spectrum.elevation(distance, azimuth, lags)
+        # R + 2 beta q grad rho, and exp(q^2 rho)
+        rho, rho_x, rho_y = spectrum.elevation(distance, azimuth, lags)
         shift = 2.0 * lever.beta * lever.height
-        moved_x, moved_y = x + shift * slope_x, y + shift * slope_y
+        moved_x, moved_y = x + shift * rho_x, y + shift * rho_y
         weight_of_pair = np.exp(lever.height**2 * rho)
     b2, share, width = lever.beta**2, *_disk_mixture()
     excess = np.zeros(covariance.shape[1:])
     for w, v in zip(share, width * lever.aperture**2, strict=True):
-        widths = b2 * spread[0] + v, b2 * spread[1] + v, b2 * spread[2]
-        pair = weight_of_pair * _normal_density(moved_x, moved_y, *widths)
-        alone = _normal_density(x, y, b2 * still[0] + v, b2 * still[1] + v, 0.0)
-        excess += w * (pair - alone)
-    # d^2R = R^2 d(ln R) dp
+        pair_variances = b2 * near[0] + v, b2 * near[1] + v, b2 * near[2]
+        pair = weight_of_pair * _normal_density(moved_x, moved_y, *pair_variances)
+        independent = _normal_density(x, y, b2 * far[0] + v, b2 * far[1] + v, 0.0)
+        excess += w * (pair - independent)
+    # d^2R = R^2 d(ln R) d(azimuth)
     over_azimuth = (excess * weight).sum(axis=2) * distance**2
     return np.trapezoid(over_azimuth, np.log(distance), axis=1)
 
 
 def _normal_density(x: Floats, y: Floats, xx: Any, yy: Any, xy: Any) -> Floats:
-    """Return the density of a normal law of mean 0 and the covariance (xx, yy, xy)."""
-    det = np.maximum(xx * yy - xy * xy, 1e-300)
+    """Return the density at (x, y) of a normal law of mean 0 and the covariance (xx, yy, xy)."""
+    det = np.maximum(xx * yy - xy * xy, 1e-300)  # rounding may leave it at 0 or below
     form = (yy * x**2 - 2.0 * xy * x * y + xx * y**2) / det
     return np.exp(-0.5 * form) / (2.0 * math.pi * np.sqrt(det))
 
@@ -295,20 +312,22 @@ def _normal_density(x: Floats, y: Floats, xx: Any, yy: Any, xy: Any) -> Floats:
 def _disk_mixture() -> tuple[Floats, Floats]:
     """Return weights and variances of Gaussians that sum to the autocorrelation of the unit disk.
 
-    Least squares over 0 < r < 2, with the integral 1 and the second moment 1/2 of each axis.
+    They are a least-squares fit over 0 < r < 2, with the exact integral 1 and second moment 1/2
+    along each axis.
     """
     r = np.linspace(0.0, 2.0, 401)
     # common area of two unit disks at the distance r, over the product of their areas
     disk = 2.0 / math.pi**2 * (np.arccos(r / 2.0) - r / 2.0 * np.sqrt(1.0 - r**2 / 4.0))
     v = _DISK_WIDTHS
     basis = np.exp(-0.5 * r[:, None] ** 2 / v) / (2.0 * math.pi * v)
-    weight = r[:, None] + 0.05  # area elements, without losing the centre
+    weight = r[:, None] + 0.05  # element of area, plus a constant that keeps the centre in the fit
     gram = basis.T @ (weight * basis)
     constraint = np.stack([np.ones_like(v), v])
     # Lagrange's equations of least squares with two constraints
     system = np.block([[gram, constraint.T], [constraint, np.zeros((2, 2))]])
     right = np.concatenate([basis.T @ (weight[:, 0] * disk), [1.0, 0.5]])
-    # Gaussians of neighbouring widths are nearly dependent: no plain solution of the system
+    # Gaussians of neighbouring widths are nearly dependent, so that the system is near-singular:
+    # its pseudo-inverse in place of a plain solution
     return np.linalg.lstsq(system, right, rcond=1e-12)[0][: len(v)], v
 
 
@@ -321,9 +340,9 @@ SHORT = 0.10
 FADING = "fading"
 """Name of all waves that make the light of a link fade."""
 
-_START = 3.5  # k_max times the blur where the search begins
-_STEP = 2.0**0.5
-_FINEST = 2.0 ** (1.0 / 32)
+_START = 3.5  # k_max times the blur where the search begins; tuned: steps to the band
+_STEP = 2.0**0.5  # factor between the frequencies that bracket the band
+_FINEST = 2.0 ** (1.0 / 32)  # factor between the ends of the bracket when the search ends: 2 %
 _HIGHEST_OF_MESH = 128.0  # rad/s: waves of 1.2 cm, for which a mesh of 10 m has some 10^7 facets
 
 
@@ -338,8 +357,8 @@ class BandFading(NamedTuple):
     index_of_band : float
         Scintillation index over the band, with tilts beyond it as in `surface.mss`.
     index_of_all : float
-        Scintillation index over all waves, of Elfouhaily's spectrum where the tail of the sea's
-        own is no model of short waves (JONSWAP, Pierson and Moskowitz).
+        Scintillation index over all waves. Elfouhaily's spectrum replaces one whose tail is no
+        model of short waves (JONSWAP, Pierson and Moskowitz).
     needed : float or None
         `omega_max` for the index of all waves [rad s-1], if the band omits more than a tenth of it.
     """
@@ -352,7 +371,7 @@ class BandFading(NamedTuple):
     def warning(self, down: bool = False) -> str | None:
         """Return the warning of a band that omits more than a tenth of the fading.
 
-        A downlink has the waves of its uplink by name, and its own by number.
+        For a downlink it states the number: by name a downlink has the waves of its uplink.
         """
         if self.needed is None:
             return None
@@ -382,22 +401,22 @@ def band_fading(link: Any, surface: Any) -> BandFading | None:
         return None
     omega_max = surface.band.omega_max
     try:
-        whole = surface.short_waves
+        all_waves = surface.short_waves  # with a spectrum that is a model of short waves
         result = BandFading(
             omega_max,
             scintillation_of_spectrum(link, surface, omega_max, heights=True),
-            scintillation_of_spectrum(link, whole, heights=True),
+            scintillation_of_spectrum(link, all_waves, heights=True),
         )
         if result.index_of_band >= (1.0 - SHORT) * result.index_of_all:
             return result
-        return result._replace(needed=_cached_band(link, whole))
+        return result._replace(needed=_cached_band(link, all_waves))
     except Refused:
         return None
 
 
 @check_call
 def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
-    """Return the smallest `omega_max` with the fading of all waves.
+    """Return the smallest `omega_max` whose waves have the fading of all waves.
 
     Parameters
     ----------
@@ -406,12 +425,12 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
     surface : JonswapSea or SpectralSea
         The sea; its own `omega_max` does not matter.
     within : float
-        Relative error of the scintillation index of unscattered light that is allowed, > 0.
+        Largest relative error of the scintillation index of unscattered light, > 0.
 
     Returns
     -------
     float
-        Highest frequency [rad s-1], to 2 % above the smallest one.
+        Highest frequency [rad s-1], at most 2 % above the smallest one.
 
     Raises
     ------
@@ -421,9 +440,10 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
 
     Notes
     -----
-    The search starts from the waves that the blur of the light just leaves visible, k_max s = 3.5
-    with s^2 = beta^2 sigma_t^2 + a^2 / 4 and sigma_t^2 half the slope variance beyond the band, and
-    compares `scintillation_of_spectrum` with tilts to that of all waves.
+    The search compares `scintillation_of_spectrum` with tilts to that of all waves. It starts from
+    the shortest waves that the blur s of the light leaves visible, k_max s = 3.5 with
+    s^2 = beta^2 sigma_t^2 + a^2 / 4: sigma_t^2 is half the slope variance beyond the band, and
+    a^2 / 4 the variance of the aperture along an axis.
     """
     if getattr(surface, "mss", None) == "band":
         raise Refused("waves", FADING, 'others with mss = "band"')
@@ -437,8 +457,8 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
         return abs(scintillation_of_spectrum(link, surface, omega) - target) <= within * target
 
     lever, slopes = paraxial_lever(link), surface.slope_spectrum()
-    highest = float(slopes.omega[-1])  # small collectors see capillary waves
-    beyond = np.cumsum(slopes.variance[::-1])[::-1]
+    highest = float(slopes.omega[-1])  # capillary waves included, which small apertures resolve
+    beyond = np.cumsum(slopes.variance[::-1])[::-1]  # slope variance of waves from each k on
     blur = np.sqrt(lever.beta**2 * 0.5 * beyond + 0.25 * lever.aperture**2)
     visible = np.flatnonzero(slopes.k * blur >= _START)
     high = float(slopes.omega[visible[0]]) if len(visible) else highest
@@ -449,7 +469,7 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
             allowed = 'others, or Elfouhaily\'s spectrum with spreading and mss = "elfouhaily"'
             raise Refused("waves", reason, allowed)
         high = min(high * _STEP, highest)
-    # the first guess may be more than enough: go down until a band is too small
+    # the first guess may be wider than needed: go down until a band is too narrow
     low = high / _STEP
     while resolved(low):
         low, high = low / _STEP, low
@@ -463,33 +483,33 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
 def resolve_band(
     link: Any, surface: Any, waves: str | float | Model | None = None, fading: bool = True
 ) -> Any:
-    """Return a sea with the waves that a mesh for a link holds.
+    """Return a sea with the waves that its mesh has to resolve for a link.
 
     Parameters
     ----------
     link : Link
-        The link. A link off its axis has the band of its first source and its first receiver on
-        one axis; a downlink that of the uplink between the same places (`Link.mirrored`).
+        The link. A link off its axis has the band of its first source and receiver facing each
+        other on one axis; a downlink that of the uplink between the same places (`Link.mirrored`).
     surface : Surface
         Any surface.
     waves : {"mean", "fading", "paper", "scaled"}, float or Band, optional
-        Waves of the mesh, see `Meshing`, in place of those of the sea. Of a sum of seas "fading"
-        is for the windiest part, the others for all parts of a spectrum.
+        Waves of the mesh, see `Meshing`, in place of those of the sea. In a sum of seas "fading"
+        applies to the windiest part, and other waves to all parts with a spectrum.
     fading : bool
-        Whether the answer is about fading, as by default: a random sea whose waves were left open
-        (`for_fading`), or the windiest part of a sum, then has those of "fading", to 10 % of the
-        index where no band has it to 3 %. Not without random slopes (`Physics.unresolved`), where
-        the index of a band overshoots that of all waves.
+        Whether the result is about fading, as by default: a random sea whose waves were left open
+        (`for_fading`), or the windiest part of a sum, then has those of "fading", within 10 % of
+        the index where no band is within 3 %. It stays as it is without random slopes
+        (`Physics.unresolved`), where the index of a band overshoots that of all waves.
 
     Raises
     ------
     Refused
-        If it is no surface or has no such waves, or no band has the fading (`fading_band`).
+        If `surface` is no surface or has no such waves, or no band has the fading (`fading_band`).
 
     Warns
     -----
     UserWarning
-        If open waves stay because no band will do.
+        If waves left open stay so because no band has the fading.
 
     Examples
     --------
@@ -512,9 +532,9 @@ def resolve_band(
 
 
 def _open_for_fading(link: Any, surface: Any) -> Any:
-    """Choose all waves that make the light of a link fade, if a sea leaves them open.
+    """Return a sea with all waves that make the light of a link fade, if it leaves them open.
 
-    To 10 % of the index where no band has it to 3 %.
+    The index of the band is within 3 % of that of all waves or, where no band is, within 10 %.
     """
     for within in (WITHIN, SHORT):
         try:
@@ -527,7 +547,7 @@ def _open_for_fading(link: Any, surface: Any) -> Any:
 
 
 def _chosen(link: Any, surface: Any, waves: Any) -> Any:
-    """Return a sea with chosen waves in place of its present ones."""
+    """Return a sea with the waves chosen by name, number or band in place of its present ones."""
     if hasattr(surface, "windiest"):
         if waves == FADING:
             return _with_windiest(surface, lambda part: _chosen(link, part, waves))
@@ -544,6 +564,8 @@ def _chosen(link: Any, surface: Any, waves: Any) -> Any:
 
 
 def _has_waves(surface: Any) -> bool:
+    """Return whether a surface is a sea whose waves can be chosen."""
+    # by its class: on the sea itself `hasattr` would compute the band
     return hasattr(type(surface), "band")
 
 
@@ -555,7 +577,7 @@ def _with_windiest(surface: Any, changed: Callable[[Any], Any]) -> Any:
 
 
 def _resolved(link: Any, surface: Any, within: float = WITHIN) -> Any:
-    """Return a sea with all waves that make the light of a link fade."""
+    """Return a sea with all waves that make the light of a link fade; refuse too short ones."""
     try:
         highest = _cached_band(_on_axis(link), surface, within)
         if highest > _HIGHEST_OF_MESH:
@@ -570,10 +592,10 @@ def _resolved(link: Any, surface: Any, within: float = WITHIN) -> Any:
 
 
 def _on_axis(link: Any) -> Any:
-    """Move the first source and receiver of a link face to face, with a full field of view.
+    """Return a link whose first source and receiver face each other, with a full field of view.
 
-    Those of a downlink change places: one sea has one band, that of the uplink, as traces and both
-    directions have it.
+    Those of a downlink change places, so that one sea has one band, that of the uplink, for both
+    directions and for traces.
     """
     if not (link.transmitters and link.receivers):
         raise Refused("receiver", link.receiver, "one receiver")
@@ -592,7 +614,7 @@ _bands: dict[tuple[Any, ...], float] = {}
 def _cached_band(link: Any, surface: Any, within: float = WITHIN) -> float:
     """Return `fading_band`, searched once for the same geometry and sea."""
     lever, receiver = paraxial_lever(link), link.receivers[0]
-    # the seed moves the crests and leaves the spectrum
+    # seas that differ in their seed alone have the same spectrum
     config = {key: value for key, value in surface.to_config().items() if key != "seed"}
     place = receiver.fov_deg, abs(receiver.center[2])
     key = (lever, *place, within, json.dumps(config, sort_keys=True))

@@ -48,7 +48,7 @@ from meshtrace.stored import Attribute, Columns, Part, Stored, Variable, Variabl
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FadingStatistics(Stored, kind="fading", title="meshtrace fading statistics"):
-    """Fading statistics of one set of gains, made by `fading_statistics`.
+    """Fading statistics of one set of gains, as `fading_statistics` returns them.
 
     Parameters
     ----------
@@ -177,18 +177,18 @@ class FadingStatistics(Stored, kind="fading", title="meshtrace fading statistics
 
 
 def _text(estimate: Estimate) -> str:
+    """Format a value with its limits."""
     return f"{estimate.value:.4g} [{estimate.low:.4g}, {estimate.high:.4g}]"
 
 
 def _seconds(estimate: Estimate) -> str:
-    """Format a time, "-" if it is not defined."""
+    """Format a time with its limits, "-" if it is not defined."""
     return "-" if math.isnan(estimate.value) else f"{_text(estimate)} s"
 
 
-# Below these numbers the intervals of a series are rough, and a fit is not tested.
-_FEWEST_STEPS = 3  # of a coherence time
-_FEWEST_EFFECTIVE = 20.0
-_FEWEST_TESTED = 20
+_FEWEST_STEPS = 3  # times of a series below which it has no coherence time
+_FEWEST_EFFECTIVE = 20.0  # independent samples below which intervals of a series are rough
+_FEWEST_TESTED = 20  # independent gains below which a fit is not tested
 
 
 @check_call
@@ -224,7 +224,8 @@ def fading_statistics(
     confidence : float, optional
         Level of all intervals [1].
     resamples, test_resamples : int, optional
-        Number of replicates for the intervals, and for the tests of fit; 0 tests leave them out.
+        Number of replicates for the intervals, and for the tests of fit; with 0 fits are not
+        tested.
     seed : int, optional
         Seed of all replicates.
 
@@ -242,9 +243,9 @@ def fading_statistics(
     Notes
     -----
     The variance of independent errors is removed from the spread of the gains. A common error does
-    not widen it: only the mean carries it, in full. A series is tested for fit on every k-th gain,
-    with k = n / n_effective; its likelihoods count every gain, so that only the order of the AIC
-    has a meaning.
+    not widen the spread and enters the standard error of the mean alone, in full. The fits to a
+    series are tested on every k-th gain, with k = n / n_effective; its likelihoods count every
+    gain, so that only the order of the AIC has a meaning.
 
     Examples
     --------
@@ -256,10 +257,11 @@ def fading_statistics(
     g, variance = checked(gain, gain_stderr)
     stderr = np.sqrt(variance) if variance.any() else None
     noise, spread = float(variance.mean()), float(g.var(ddof=1))
-    # the variance over n, as in `autocorrelation`, which refuses gains without fading
+    # as in `autocorrelation`, which refuses gains without fading: there the variance divides by n
     fades = bool(np.ptp(g) > 0.0 and spread * (g.size - 1) / g.size > noise)
     levels = tuple(require_array(thresholds, "thresholds", "numbers > 0").ravel().tolist())
     block = 1 if time is None else block_length(g)
+    # options of all bootstraps
     boot: Any = {"block": block, "confidence": confidence, "resamples": resamples, "seed": seed}
     series: dict[str, Any] = {"n_effective": float(g.size)}
     if time is not None:
@@ -269,14 +271,14 @@ def fading_statistics(
     fits, goodness, fit_notes = _all_fits(sample, n_effective, test_resamples, seed)
     outages = []
     for level in levels:
-        # gains without their noise, as `outage` counts them
+        # which gains are below the level, without their noise as in `outage`
         below = (sample < level_of(sample, level, relative_to)).astype(np.float64)
         trials = _trials(below, n_effective)
         outages.append(outage(
             sample, level, relative_to=relative_to, n_effective=trials, confidence=confidence
         ))  # fmt: skip
     index = scintillation_index(g, stderr, **boot)
-    # fading is correlated along a series, independent errors are not
+    # fading is correlated along a series, independent errors are not: each over its sample size
     mean_variance = max(spread - noise, 0.0) / n_effective + noise / g.size
     return FadingStatistics(
         n=g.size,
@@ -308,40 +310,44 @@ def _series_part(
     relative_to: Reference,
     boot: dict[str, Any],
 ) -> dict[str, Any]:
-    """Compute the statistics that only time series have."""
+    """Return the fields of `FadingStatistics` that only time series have.
+
+    `boot` are the options of the bootstraps, `fades` is whether the gains vary by more than noise.
+    """
     lag = checked_step(time, g.size) * np.arange(g.size // 2 + 1, dtype=np.float64)
-    nothing = Estimate(math.nan, math.nan, math.nan)
-    below = boot | {"relative_to": relative_to}
+    undefined = Estimate(math.nan, math.nan, math.nan)
+    options = boot | {"relative_to": relative_to}
     return {
         "n_effective": effective_samples(g, stderr) if fades else float(g.size),
         "lag": lag,
         "autocorrelation": autocorrelation(g, stderr) if fades else np.full_like(lag, math.nan),
         "coherence_time": coherence_time(time, g, stderr, **boot)
         if fades and g.size >= _FEWEST_STEPS
-        else nothing,
-        "level_crossing_rate": tuple(level_crossing_rate(time, g, h, **below) for h in levels),
-        "mean_fade_duration": tuple(mean_fade_duration(time, g, h, **below) for h in levels),
+        else undefined,
+        "level_crossing_rate": tuple(level_crossing_rate(time, g, h, **options) for h in levels),
+        "mean_fade_duration": tuple(mean_fade_duration(time, g, h, **options) for h in levels),
     }
 
 
 def _trials(below: Floats, n_effective: float) -> float:
-    """Return the number of independent samples behind a share of the gains."""
+    """Return the number of independent samples for an outage; `below` (n,) is 1 in it, else 0."""
     if n_effective == below.size or not 0.0 < below.mean() < 1.0:
         return n_effective
-    # Rare outages decorrelate faster than the gain: their own correlation counts.
+    # rare outages decorrelate faster than the gain, so that their autocorrelation counts
     return effective_samples(below)
 
 
 def _all_fits(
     sample: Floats, n_effective: float, resamples: int, seed: int
 ) -> tuple[tuple[DistributionFit, ...], tuple[GoodnessOfFit, ...], list[str]]:
+    """Return the fitted laws, their tests, and notes on what could not be fitted or tested."""
     if not sample.all():
         return (), (), ["some gains are 0: no continuous law fitted"]
     if np.ptp(sample) <= 1e-12 * sample.max():
         return (), (), ["no variance above the Monte Carlo noise: no law fitted"]
     fits = (fit_lognormal(sample), fit_gamma_gamma(sample, n_effective=n_effective))
     notes = [f"{fit.model}: {fit.note}" for fit in fits if fit.note]
-    # about independent gains, as the test assumes
+    # every k-th gain: these are about independent, as the test assumes
     apart = sample[:: math.ceil(sample.size / n_effective)]
     if resamples == 0:
         return fits, (), notes
@@ -376,10 +382,10 @@ def _notes(
         )
     if math.isnan(coherence):
         yield f"the coherence time needs gains that vary, at {_FEWEST_STEPS} times or more"
-    # shorter times are an interpolation within the first step
+    # shorter coherence times are interpolated within the first step
     if coherence < fields["lag"][1]:
         yield "the coherence time is below one time step: use shorter steps"
-    # a difference of two gains has the errors of both
+    # the difference of neighbouring gains has the error variances of both
     noise, steps = 2.0 * float(variance.mean()), float(np.mean(np.diff(g) ** 2))
     if noise and noise > 0.1 * steps:
         yield (

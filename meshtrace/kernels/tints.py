@@ -52,7 +52,7 @@ NO_TINTS = None
 
 @inlined
 def reset_tint(tints, log_weights):
-    """Start the sums of a path.
+    """Set the sums of a path to zero.
 
     Array twin: `log_weights[:] = 0`.
     """
@@ -63,7 +63,7 @@ def reset_tint(tints, log_weights):
 
 @inlined
 def copy_tint(tints, log_weights, out):
-    """Write the sums of a path.
+    """Copy the sums of a path to `out`.
 
     Array twin: `out[:] = log_weights`.
     """
@@ -74,7 +74,7 @@ def copy_tint(tints, log_weights, out):
 
 @outlined
 def tint_way(tints, log_weights, z0, z1, length):
-    """Add a straight way through the water from height z0 to z1 to the sums.
+    """Add a straight path through the water, from height z0 to z1, to the sums.
 
     Array twin: direct runs of the wavelengths.
     """
@@ -180,7 +180,7 @@ def _add_tint(mixture, log_weights, factors):
 
 
 class LastScattering(NamedTuple):
-    """Factors of the wavelengths on sunlight scattered into a path at its end, over the base's.
+    """Factors, relative to the base, on sunlight that is scattered into the end of a path.
 
     Tables that are linear between nodes, in the depth and in the angle, and go on along a straight
     line below the last depth.

@@ -131,7 +131,7 @@ class Link(Model, frozen=True):
         return max(min(_LEAST_DISTANCE, _LEAST_SHARE * farthest), _SHORTEST)
 
     def items(self) -> list[tuple[str, Source | Aperture]]:
-        """Return all sources and apertures with the paths that errors name them by."""
+        """Return all sources and apertures with the paths by which errors name them."""
         named: list[tuple[str, Source | Aperture]] = []
         for name in ("transmitter", "receiver"):
             part = getattr(self, name)
@@ -153,7 +153,7 @@ class Link(Model, frozen=True):
 
     @property
     def only_receiver(self) -> Receiver:
-        """The receiver of a link that has one, in the air.
+        """The only receiver of the link, which is in the air.
 
         Raises
         ------
@@ -167,7 +167,7 @@ class Link(Model, frozen=True):
 
     @property
     def air_end(self) -> tuple[Literal["transmitter", "receiver"], AirLamp | Receiver]:
-        """Field name and part, lamp or receiver, of the one end that a link has in the air.
+        """Field name of the only end of the link in the air, and that lamp or receiver itself.
 
         Raises
         ------
@@ -411,7 +411,7 @@ class Link(Model, frozen=True):
         return (float(middle[0]), float(middle[1])), float(0.5 * (high - low).max())
 
     def crossings(self) -> list[Crossing]:
-        """Return where unscattered light of each source crosses a flat sea to each receiver.
+        """Return where unscattered light crosses a flat sea, from each source to each receiver.
 
         Notes
         -----
@@ -501,12 +501,12 @@ def _spot_radius(t: Source) -> float:
 
 
 def _power_of_two(size: float) -> float:
-    """Return the power of two nearest to a size in the logarithm, 0 for 0."""
+    """Return the power of two nearest to a size on a logarithmic scale; 0 for 0."""
     return float(2.0 ** round(math.log2(size))) if size > 0.0 else 0.0
 
 
 def _moved(kind: type[Any], end: Any, place: Any) -> Any:
-    """Return an end of `kind` with pattern, power and wavelength of `end` at the place of `place`.
+    """Return an end of `kind` at `place`, with the pattern, power and wavelength of `end`.
 
     Position, level and axis are those of `place`.
     """
@@ -519,7 +519,7 @@ def _moved(kind: type[Any], end: Any, place: Any) -> Any:
 
 
 def _axis(kind: type[Any]) -> tuple[str, str]:
-    """Return the names of both angles that give the axis of a kind of end."""
+    """Return the names of the two angles of the axis of a kind of end."""
     water = issubclass(kind, WaterSource)
     return ("zenith_deg", "azimuth_deg") if water else ("tilt_deg", "tilt_azimuth_deg")
 

@@ -47,7 +47,7 @@ class Whitecaps(Model, frozen=True):
 
     @property
     def transmittance(self) -> float:
-        """T_u, not below 0."""
+        """Transmittance T_u = 1 - W, at least 0."""
         u = self.wind_speed
         if self.model == "monahan80":
             cover = 2.95e-6 * u**3.52

@@ -26,7 +26,7 @@ __all__ = [
 
 
 class Placed(Model, frozen=True):
-    """Base of sources and apertures, with a place.
+    """Base of sources and apertures: models with a horizontal position.
 
     Parameters
     ----------

@@ -29,12 +29,13 @@ class Background(Stored, kind="background", title="meshtrace background light"):
     Attributes
     ----------
     part_radiance, part_radiance_stderr : ndarray, shape (parts,)
-        Mean radiance <L> = int L cos dOmega / (pi sin^2 psi) of each of `PARTS`, and its standard
+        Mean radiance <L> = int L cos(theta) dOmega / (pi sin^2 psi) of each of `PARTS` over a field
+        of view of half-angle psi about the axis of the receiver (theta = 0), and its standard
         error [W m-2 sr-1 nm-1].
     radiance, radiance_stderr : float
-        Sum of the parts, and its standard error.
+        Sum of the parts, and its standard error [W m-2 sr-1 nm-1].
     acceptance : float
-        Area times projected solid angle of aperture and field of view [m2 sr].
+        Etendue [m2 sr]: area of the aperture times projected solid angle pi sin^2 psi.
     wavelength_nm : float
         Wavelength [nm].
     provenance : dict
@@ -53,9 +54,10 @@ class Background(Stored, kind="background", title="meshtrace background light"):
     def of_groups(
         cls, parts: Annotated[Floats, Shape("n parts")], acceptance: float, wavelength_nm: float
     ) -> Self:
-        """Return the mean of independent parts (n, parts), with their scatter as its error."""
+        """Return the mean of n independent samples (n, parts), its error from their scatter."""
         total = parts.sum(axis=1)
-        # the parts of a sample share its rays: their errors do not add in quadrature
+        # the parts of a sample share its rays: their errors are correlated, and do not add in
+        # quadrature to that of the sum
         radiance = float(total.mean()), float(error_of_groups(total))
         return cls(parts.mean(axis=0), error_of_groups(parts), *radiance, acceptance, wavelength_nm)
 
@@ -75,7 +77,8 @@ class Background(Stored, kind="background", title="meshtrace background light"):
         return str(self.provenance["daylight"]["light"])
 
     def _check(self) -> None:
-        # strict pairs refuse other numbers of parts
+        # both properties pair the parts with `PARTS` by a strict zip, which raises ValueError if
+        # their number is another
         dict(self.parts | self.parts_stderr)
 
     def _origin_lines(self) -> list[str]:
@@ -87,13 +90,15 @@ class Background(Stored, kind="background", title="meshtrace background light"):
         return self.radiance * self.acceptance
 
     def count_rate(self, ook: Any) -> float:
-        """Return the primary counts of a receiver [s-1], before saturation.
+        """Return the rate of primary background counts of a receiver [s-1], before saturation.
 
         r_b = PDE P_b / E_ph,  P_b = <L> dlambda T G,
 
-        or, where the LED, the filter or the efficiency of the detector has a spectrum, the
-        integral of L T PDE / E_ph over wavelength and over angles that fill the field of view,
-        with the spectrum of the light above the sea (`Daylight.spectrum`).
+        with the photon detection efficiency PDE, the photon energy E_ph, the width dlambda and
+        transmission T of the filter, and the etendue G; or, where the LED, the filter or the
+        efficiency of the detector has a spectrum, the integral of L T PDE / E_ph over wavelength
+        and over angles that fill the field of view, with the spectrum of the light above the sea
+        (`Daylight.spectrum`).
 
         Parameters
         ----------
@@ -103,17 +108,19 @@ class Background(Stored, kind="background", title="meshtrace background light"):
 
         Notes
         -----
-        G = min(A_lens n_med^2 pi sin^2 psi, pi A_det n_c^2) / n_med^2: behind an etendue-limited
-        lens a narrower field of view does not reduce the background. In the product the spectrum
-        counts as flat over the filter: `Daylight.clear_sky(width_nm=...)` has the mean over a wide
-        band.
+        G = min(A_lens n_med^2 pi sin^2 psi, pi A_det n_c^2) / n_med^2 with the areas of lens and
+        detector and the refractive indices of the medium in front of the lens and of the
+        concentrator. Behind an etendue-limited lens (the second term) a narrower field of view
+        does not reduce the background. The product P_b takes the spectrum as flat over the
+        filter: `Daylight.clear_sky(width_nm=...)` has the mean over a wide band.
 
         Raises
         ------
         Refused
-            If the filter is wider than twice the wavelength, which its band is centred on.
+            If the filter is wider than twice the wavelength, on which its band is centred: it would
+            reach below 0 nm.
         """
-        if not hasattr(ook, "background_count_rate"):  # a room above this one
+        if not hasattr(ook, "background_count_rate"):  # `results` may not import `comms`
             raise Refused("ook", Described(type(ook).__name__), "an OokLink")
         widest, width = 2.0 * self.wavelength_nm, ook.optics.equivalent_width_nm
         if width > widest:
@@ -170,7 +177,7 @@ class BackgroundSeries(
 
     @property
     def scintillation_index(self) -> float:
-        """Variance of the radiance over its squared mean, with the noise of the rays."""
+        """Variance of the radiance over its squared mean; the noise of the rays is included."""
         return float(self.radiance.var() / self.radiance.mean() ** 2)
 
     def _headline(self) -> str:
@@ -186,19 +193,19 @@ class BackgroundSeries(
 
 
 THRESHOLDS = (1.25, 1.5, 2.0, 2.5, 3.0, 5.0)
-"""Thresholds of flashes over the mean irradiance."""
+"""Default thresholds of flashes, in units of the mean irradiance."""
 
 
 class Flashes(NamedTuple):
-    """Flashes above thresholds at each depth, arrays (depths, thresholds).
+    """Rates and durations of flashes above thresholds at each depth.
 
     Parameters
     ----------
     threshold : ndarray, shape (thresholds,)
-        Thresholds over the mean irradiance.
-    per_minute : ndarray
+        Thresholds in units of the mean irradiance.
+    per_minute : ndarray, shape (depths, thresholds)
         Flashes that begin, per minute.
-    duration : ndarray
+    duration : ndarray, shape (depths, thresholds)
         Mean duration [s], nan without flashes.
     """
 
@@ -218,11 +225,11 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
     depth : ndarray, shape (depths,)
         Depths below still water [m].
     irradiance : ndarray, shape (n, depths)
-        Downward irradiance of the collector [W m-2 nm-1].
+        Downward irradiance, averaged over the collector [W m-2 nm-1].
     unscattered : ndarray, shape (n, depths)
-        Part of the sunlight that was not scattered [W m-2 nm-1].
+        Part by sunlight that was not scattered [W m-2 nm-1].
     sky : ndarray, shape (depths,)
-        Part of the sky, constant [W m-2 nm-1].
+        Part by light of the sky, constant in time [W m-2 nm-1].
     still : ndarray, shape (depths,)
         Irradiance of unscattered sunlight under still water [W m-2 nm-1].
     provenance : dict
@@ -230,7 +237,7 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
     x, y : ndarray, or None
         Centres of the cells of the patch [m].
     pattern : ndarray, shape (n, depths, nx, ny), or None
-        Irradiance of the collector over a patch [W m-2 nm-1].
+        Irradiance that the collector would have at each cell of the patch [W m-2 nm-1].
     """
 
     time: Annotated[Floats, Variable("time")]
@@ -257,15 +264,15 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
         return np.asarray(self.irradiance.std(axis=0) / self.mean)
 
     def pdf(self, edges: ArrayLike) -> Floats:
-        """Return the density of E over its mean between edges, shape (depths, bins).
+        """Return the probability density of E / mean in bins between edges, shape (depths, bins).
 
-        It is normalized to the values between the edges, and 0 without any.
+        It integrates to 1 over the bins, and is 0 at a depth without values in them.
         """
         edges = require_finite(edges, "edges", "increasing numbers, two or more")
         width = np.diff(edges)
         if not width.size or not (width > 0.0).all():
             raise Refused("edges", edges, "increasing numbers, two or more")
-        counts = [np.histogram(row, edges)[0] for row in (self.irradiance / self.mean).T]
+        counts = [np.histogram(ratio, edges)[0] for ratio in (self.irradiance / self.mean).T]
         return np.stack([n / width / max(n.sum(), 1) for n in counts])
 
     def flashes(self, thresholds: ArrayLike = THRESHOLDS) -> Flashes:
@@ -274,7 +281,7 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
         Parameters
         ----------
         thresholds : array_like
-            Thresholds k over the mean irradiance, > 0.
+            Thresholds k in units of the mean irradiance, > 0.
 
         Raises
         ------
@@ -283,37 +290,39 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
 
         Notes
         -----
-        Flashes that have begun before the first time, or go on at the last one, count by their
-        times alone: rate times duration is the share of times above the threshold.
+        A flash is counted where it begins. One that has begun before the first time adds its
+        duration but no flash, so that rate times duration is the share of the n times above the
+        threshold, times n / (n - 1).
         """
         step = self._step()
         k = require_finite(thresholds, "thresholds", "numbers > 0")
         if (k <= 0.0).any():
             raise Refused("thresholds", thresholds, "numbers > 0")
         above = (self.irradiance / self.mean)[:, :, None] > k
-        # a flash begins between a time below and the next one above
+        # (times, depths, thresholds); a flash begins between a time below and the next one above
         begun = np.count_nonzero(above[1:] & ~above[:-1], axis=0)
         seconds = step * np.count_nonzero(above, axis=0)
         duration = np.divide(seconds, begun, out=np.full(begun.shape, np.nan), where=begun > 0)
         return Flashes(k, 60.0 * begun / (step * (len(self.time) - 1)), duration)
 
     def spectrum(self) -> tuple[Floats, Floats]:
-        """Return frequencies [Hz] and the power density of E / mean [Hz-1], (depths, n).
+        """Return frequencies (n,) [Hz] and the one-sided power density of E / mean [Hz-1].
 
-        By Welch's method with seven segments; for equally spaced times.
+        The density has the shape (depths, n). Welch's method with seven segments, for equally
+        spaced times.
         """
         from scipy.signal import welch
 
         relative = (self.irradiance / self.mean - 1.0).T
-        # segments of a quarter that overlap by half of it, scipy's default
+        # segments of a quarter of the series that overlap by half, scipy's default: 2 * 4 - 1 = 7
         rate, length = 1.0 / self._step(), max(len(self.time) // 4, 2)
         frequency, density = welch(relative, rate, nperseg=length, axis=-1)
         return frequency, density
 
     def wavelengths(self) -> tuple[Floats, Floats]:
-        """Return wavenumbers [rad m-1] and the power density of the pattern along x, (depths, n).
+        """Return wavenumbers (n,) [rad m-1] and the power density of the pattern along x.
 
-        Density of E / mean over a wavenumber [m rad-1], mean of all rows and times.
+        One-sided density of E / mean [m rad-1], shape (depths, n), averaged over all y and times.
 
         Raises
         ------
@@ -327,11 +336,13 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
         step = float(self.x[1] - self.x[0])
         relative = self.pattern / self.pattern.mean(axis=(0, 2, 3), keepdims=True) - 1.0
         cycles, density = periodogram(relative, 1.0 / step, "hann", axis=2)
-        # from cycles per metre to radians: S(k) dk = S(1 / lambda) d(1 / lambda)
+        # S(k) dk = S(1 / lambda) d(1 / lambda) with k = 2 pi / lambda
         return 2.0 * np.pi * cycles, density.mean(axis=(0, 3)) / (2.0 * np.pi)
 
     def _step(self) -> float:
+        """Return the step of equally spaced times [s]; refuse others."""
         steps = np.diff(self.time)
+        # 1e-6: steps of decimal numbers differ by rounding
         if len(steps) < 2 or np.ptp(steps) > 1e-6 * steps.mean():
             raise Refused("times", Described(f"{len(self.time)} times"), "equally spaced times")
         return float(steps.mean())

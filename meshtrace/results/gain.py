@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Values = float | Floats
-"""A number, or one for each of a list of receivers."""
+"""A number for a single receiver, an array of shape (receivers,) for a list of receivers."""
 
 
 FATE_MEANING = {
@@ -44,7 +44,7 @@ FATE_MEANING = {
 
 
 class FateTally(NamedTuple):
-    """Photons and share of the launched weight with one fate."""
+    """Number of photons with one fate, and their share of the launched weight [1]."""
 
     photons: int
     weight: float
@@ -70,26 +70,30 @@ class ScatteredSamples(NamedTuple):
 
 
 class ChainCounts(NamedTuple):
-    """Numbers of scattering chains by outcome; `fields.toml` has their meanings.
+    """Outcomes of scattering chains in numbers.
+
+    A crossing is a point of the surface at which a chain can be refracted into the aperture; a
+    chain may have several over waves. `fields.toml` has the long names.
 
     Attributes
     ----------
     drawn : int
         Scattering chains drawn.
     solved : int
-        Aimed at the aperture through a crossing of the surface.
+        Crossings of the waves that Newton's method reached from those of still water, or that were
+        sampled around these.
     no_flat : int
-        Without a crossing of still water.
+        Chains without a crossing of still water: they contribute nothing.
     enumerated : int
-        Whose crossings were searched over all facets.
+        Searches of all facets for the crossings of a chain.
     extra_roots : int
-        Further crossings of one chain.
+        Crossings that these searches added.
     blocked : int
-        Blocked by a wave.
+        Crossings whose path is blocked by a wave.
     sampled : int
-        Pairs of source and receiver whose unscattered light was sampled.
+        Pairs of source and receiver whose unscattered light was sampled rather than integrated.
     cut_short : int
-        Pairs whose integral of unscattered light ended before it was as fine as it should be.
+        Pairs whose integral of unscattered light stopped before it was fine enough.
     """
 
     drawn: int = 0
@@ -102,10 +106,10 @@ class ChainCounts(NamedTuple):
     cut_short: int = 0
 
 
-# Error of the mesh over the standard error from which a summary shows it: joined in quadrature the
-# two are hypot(1, 0.5) = 1.12 standard errors, and below that nobody would decide otherwise.
-_MATTERS = 0.5
-_EACH = Variable("receiver")
+# Ratio of `mesh_error` to `gain_stderr` above which a summary shows the former. Tuned: added in
+# quadrature the two are hypot(1, 0.5) = 1.12 standard errors, too little more to change a decision.
+_MESH_ERROR_SHOWN = 0.5
+_PER_RECEIVER = Variable("receiver")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,23 +121,24 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
     gain, gain_stderr : float or ndarray, shape (receivers,)
         Fraction of the emitted power that each receiver collects, and its standard error.
     mesh_error : same as gain, or None
-        Estimate of the difference to the gain over the exact surface, which the mesh interpolates;
-        not in `gain_stderr`, which is the error of the samples. None or nan where it is not known,
-        and for analog photons.
+        Estimated difference from the gain over the exact surface, which the mesh interpolates; not
+        included in `gain_stderr`, which is the error of the samples. None or nan where unknown;
+        None for analog photons.
     photons : int
-        Photons launched (analog), or chains (forced); joined photons are some times as many, see
-        `scattered` and `reflected`.
+        Photons launched (analog), or chains (forced); joined photons may be several times as many,
+        see `scattered` and `reflected`.
     fates : dict of str to FateTally
         Photons and weight by fate; empty for the forced estimator.
     gain_bound : same as gain, or None
-        Upper bound of the gain at 95 % confidence where no light was received or scattered light
-        rests on few samples, so that the standard error is uncertain; nan elsewhere, None if there
-        is no such receiver.
+        Upper bound of the gain at 95 % confidence where no light was received, or where scattered
+        light rests on so few samples that its standard error is uncertain; nan elsewhere, None if
+        there is no such receiver.
     gain_ballistic, gain_scattered : same as gain, or None
         Unscattered and scattered parts, where the estimator separates them.
     gain_reflected, gain_reflected_stderr : same as gain, or None
         Part of the gain that the surface first reflected back into the water, where the forced
-        estimator follows it; 0 for receivers of a list for which it is estimated as below 0.1 %.
+        estimator follows it; 0 for receivers served by chains where a closed estimate of it is
+        below 0.02 % of the gain.
     gain_order : ndarray, shape (receivers, orders), or None
         Forced only: gain by the number of scatterings, from 1.
     provenance : dict
@@ -146,7 +151,7 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
     scattered : list of ScatteredSamples
         Forced only: estimator and samples of the scattered gain of each receiver.
     reflected : list of ScatteredSamples
-        The same of `gain_reflected`.
+        The same for `gain_reflected`.
     arrivals : ArrivalTally, optional
         Arrivals with their path lengths.
     planes : Planes, optional
@@ -155,13 +160,13 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
         Irradiance on a plane in the air.
     """
 
-    gain: Annotated[Values, _EACH]
-    gain_stderr: Annotated[Values, _EACH]
+    gain: Annotated[Values, _PER_RECEIVER]
+    gain_stderr: Annotated[Values, _PER_RECEIVER]
     photons: int
     fates: Annotated[dict[str, FateTally], Elsewhere()]
     provenance: dict[str, Any]
-    gain_ballistic: Annotated[Values | None, _EACH] = None
-    gain_scattered: Annotated[Values | None, _EACH] = None
+    gain_ballistic: Annotated[Values | None, _PER_RECEIVER] = None
+    gain_scattered: Annotated[Values | None, _PER_RECEIVER] = None
     rays_recast: int = 0
     rays_lost: int = 0
     chains: Annotated[ChainCounts | None, Columns(ChainCounts, "chains")] = None
@@ -171,10 +176,10 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
     reflected: Annotated[
         list[ScatteredSamples], Columns(ScatteredSamples, "reflected", "receiver")
     ] = field(default_factory=list)
-    gain_bound: Annotated[Values | None, _EACH] = None
-    gain_reflected: Annotated[Values | None, _EACH] = None
-    gain_reflected_stderr: Annotated[Values | None, _EACH] = None
-    mesh_error: Annotated[Values | None, _EACH] = None
+    gain_bound: Annotated[Values | None, _PER_RECEIVER] = None
+    gain_reflected: Annotated[Values | None, _PER_RECEIVER] = None
+    gain_reflected_stderr: Annotated[Values | None, _PER_RECEIVER] = None
+    mesh_error: Annotated[Values | None, _PER_RECEIVER] = None
     gain_order: Annotated[Floats | None, Variable("receiver", "order")] = None
     arrivals: Annotated[ArrivalTally | None, Part(ArrivalTally)] = None
     planes: Annotated[Planes | None, Part(Planes)] = None
@@ -196,14 +201,15 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
         with np.errstate(divide="ignore"):
             return like(self.gain, 10.0 * np.log10(self.gains))
 
-    def _each(self, name: str) -> list[float]:
-        """Return a field for each receiver, nan for a missing one."""
+    def _per_receiver(self, name: str) -> list[float]:
+        """Return the values of a field for each receiver, nan if the field is None."""
         value = getattr(self, name)
         numbers = np.broadcast_to(math.nan if value is None else value, self.gains.shape)
         return [float(number) for number in numbers]
 
     def _headline(self) -> str:
-        receivers = zip(self.gains, self.stderrs, self._each("gain_bound"), strict=True)
+        # `not bound > 0.0` is true of nan, too: a receiver without a bound
+        receivers = zip(self.gains, self.stderrs, self._per_receiver("gain_bound"), strict=True)
         parts = [
             f"gain {gain:.4e} +- {stderr:.1e}" if gain or not bound > 0.0 else self._dark(bound)
             for gain, stderr, bound in receivers
@@ -214,7 +220,8 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
 
     def _dark(self, bound: float) -> str:
         """Return the upper bound of a gain of 0 as text."""
-        # of n photons none arrived: a measurement; that no chain connects is none
+        # that none of n analog photons arrived is a measurement; that no chain connects lamp and
+        # receiver is not, since only a few of all possible paths were tried
         if self.fates:
             return f"dark to below {bound:.2g}"
         return f"not found with {self._samples}, below {bound:.2g}"
@@ -223,7 +230,8 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
     def _samples(self) -> str:
         """Return the number of samples of each estimator as text."""
         counts = {item.estimator: item.samples for item in self.scattered}
-        # the number that was asked for: each order of scattering has some more
+        # the number asked for: `samples` has a few chains more, as each order of scattering has
+        # whole numbers of them
         if "chains" in counts or not counts:
             counts["photons" if self.fates else "chains"] = self.photons
         return " and ".join(f"{n:,} {name}" for name, n in counts.items())
@@ -264,22 +272,23 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
         lines = []
         names = "gain", "gain_stderr", "gain_bound", "mesh_error"
         parts = "gain_ballistic", "gain_reflected"
-        columns = zip(*(self._each(name) for name in (*names, *parts)), strict=True)
+        columns = zip(*(self._per_receiver(name) for name in (*names, *parts)), strict=True)
         for i, (gain, stderr, bound, mesh_error, ballistic, reflected) in enumerate(columns):
             name = "channel gain" if np.ndim(self.gain) == 0 else f"channel gain [{i}]"
             if not gain > 0.0:
                 dark = f"{self._dark(bound)} at 95 % confidence" if bound > 0.0 else "dark"
                 lines.append(_line(name, f"{dark}: no light received"))
                 continue
+            # d(10 log10 g) = 10 / ln 10 dg / g
             percent, decibel = 100.0 * stderr / gain, 10.0 / math.log(10.0) * stderr / gain
             lines.append(_line(name, f"{gain:.4e}  ({10.0 * math.log10(gain):.3f} dB optical)"))
             errors = f"{stderr:.1e}  ({percent:.2g} %, {decibel:.2g} dB)"
             lines.append(_line("standard error", errors))
-            # false for nan, the bound of a gain whose standard error can be trusted
+            # false of nan, which stands where the standard error can be trusted
             if bound > 0.0:
                 few = "at 95 % confidence: few samples, light of rare paths may be missing"
                 lines.append(_line("upper bound", f"{bound:.4e}  {few}"))
-            if mesh_error > _MATTERS * stderr or (verbose and mesh_error >= 0.0):
+            if mesh_error > _MESH_ERROR_SHOWN * stderr or (verbose and mesh_error >= 0.0):
                 text = f"{mesh_error:.1e}  ({100.0 * mesh_error / gain:.2g} %)"
                 lines.append(_line("error of the mesh", text))
             if self.gain_ballistic is not None:
@@ -295,6 +304,7 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
         return lines
 
     def _content(self) -> xr.Dataset:
+        # for `_restored`: a number and an array of one receiver are stored alike
         data = super()._content().assign_attrs(scalar=int(np.ndim(self.gain) == 0))
         return data.assign_coords(receiver=np.arange(len(self.gains)))
 
@@ -318,7 +328,7 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
         result = super()._restored(data, provenance, **parts)
         if not data.attrs["scalar"]:
             return result
-        # files have arrays of receivers also for a link with a single one
+        # files store an array (1,) of receivers for a link with a single one, too
         numbers: dict[str, Any] = {}
         for name in (item.name for item in fields(result)):
             array = getattr(result, name)
@@ -327,11 +337,12 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
         return replace(result, **numbers)
 
     def _origin_lines(self) -> list[str]:
-        """Return estimator, sea and wind of a run."""
+        """Return lines with the water, the estimator, the sea and the wind of a run."""
         provenance = self.provenance
         if "surface" not in provenance:
             return []
         link, surface = provenance.get("link", {}), provenance["surface"]
+        # the wind of the sea comes first; bubbles and whitecaps have one over a sea without wind
         parts = (surface, surface.get("spectrum"), link.get("bubbles"), link.get("whitecaps"))
         winds = [part["wind_speed"] for part in parts if part and "wind_speed" in part]
         wind = f", wind {winds[0]:g} m/s" if winds else ", wind 0 m/s"
@@ -342,23 +353,24 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
 
 
 def like(gain: Values, array: Any) -> Any:
-    """Return values of the receivers, as a number where `gain` is one."""
+    """Return an array (receivers,) in the form of `gain`: as a number if `gain` is a number."""
     return float(array[0]) if array is not None and np.ndim(gain) == 0 else array
 
 
 def bound_where_dark(gain: Values, photons: int) -> Values | None:
-    """Return the upper bound of analog gains of 0 at 95 % confidence, None if all are positive.
+    """Return upper bounds of analog gains of 0 at 95 % confidence, None if all are positive.
 
-    An event that none of n independent trials shows has a probability below 3 / n (rule of three,
-    from (1 - p)^n = 0.05).
+    An event that does not occur in n independent trials has a probability below 3 / n (rule of
+    three, from (1 - p)^n = 0.05).
     """
     gains = np.atleast_1d(gain)
     dark = ~(gains > 0.0)
-    # the weight of a photon is at most 1, so that a gain is at most the share of hits
+    # a photon weighs at most 1: the gain is at most the probability of a hit
     return like(gain, np.where(dark, min(3.0 / photons, 1.0), np.nan)) if dark.any() else None
 
 
 def _line(name: str, text: str) -> str:
+    """Return a line of a summary: a name in a column of fixed width, and its text."""
     return f"{name:<18}{text}"
 
 
@@ -366,7 +378,8 @@ def _line(name: str, text: str) -> str:
 def merge(results: Sequence[GainResult]) -> GainResult:
     """Return the result of all photons of several analog runs of one configuration.
 
-    mean = sum n_i mean_i / sum n_i, and so for the mean squares.
+    The mean of all photons is sum n_i mean_i / sum n_i over runs of n_i photons; mean squares, for
+    the standard errors, combine in the same way.
 
     Parameters
     ----------
@@ -389,19 +402,19 @@ def merge(results: Sequence[GainResult]) -> GainResult:
         if _identity(r) != _identity(results[0]):
             problem = Described("configurations differ")
             raise Refused(f"results[{i}]", problem, "runs of one configuration")
-    # sums of floats in one order, so that the order of the runs does not change the last bits
+    # sorted: floats are summed in an order that does not depend on that of the arguments
     results = sorted(results, key=_ranges)
     first = results[0]
     ranges = sorted(span for r in results for span in _ranges(r))
-    if any(a[1] > b[0] for a, b in pairwise(ranges)):
+    if any(before[1] > after[0] for before, after in pairwise(ranges)):
         raise Refused("results", Described("photon ids overlap"), "disjoint runs")
-    n = np.array([r.photons for r in results])
-    total = int(n.sum())
-    means = merged_means(results, n)
+    run_photons = np.array([r.photons for r in results])
+    total = int(run_photons.sum())
+    means = merged_means(results, run_photons)
     for name in ("arrivals", "planes", "map"):
         tallies = [getattr(result, name) for result in results]
         if tallies[0] is not None:
-            means[name] = tallies[0].merged(tallies, n)
+            means[name] = tallies[0].merged(tallies, run_photons)
     fates = {}
     for name in first.fates:
         photons = sum(r.fates[name].photons for r in results)
@@ -421,16 +434,17 @@ def merge(results: Sequence[GainResult]) -> GainResult:
 
 
 def _ranges(result: GainResult) -> list[tuple[int, int]]:
-    """Return the photon ids of a result as half-open ranges."""
+    """Return the photon ids of a result as half-open ranges [start, stop)."""
     run = result.provenance["run"]
-    # merged runs have several, with gaps between them
-    alone = [run["first_photon"], run["first_photon"] + result.photons]
-    spans = run.get("photon_ranges", [alone])
-    return [(int(a), int(b)) for a, b in spans]
+    # `merge` has stored the ranges of its runs; a single run has one
+    single = [run["first_photon"], run["first_photon"] + result.photons]
+    spans = run.get("photon_ranges", [single])
+    return [(int(start), int(stop)) for start, stop in spans]
 
 
 def _identity(result: GainResult) -> str:
-    """Return the configuration of a run as text, without what runs to be merged may differ in."""
-    free = ("first_photon", "photons", "threads", "batch_size", "photon_ranges", "rtol")
-    run = {k: v for k, v in result.provenance["run"].items() if k not in free}
+    """Return the configuration of a run as text, without options that merged runs may differ in."""
+    # these choose which photons are traced and in which batches, not how each one is traced
+    ignored = ("first_photon", "photons", "threads", "batch_size", "photon_ranges", "rtol")
+    run = {k: v for k, v in result.provenance["run"].items() if k not in ignored}
     return json.dumps([result.provenance[k] for k in ("link", "surface")] + [run])

@@ -17,13 +17,14 @@ from meshtrace.results.tallies import SPEED_OF_LIGHT as SPEED_OF_LIGHT
 from meshtrace.results.tallies import ArrivalTally, error_of_groups, sums_by_group
 from meshtrace.stored import SHIFTS, Stored, Variable
 
-# A single late photon may stretch the delays by any factor: 1e7 bins by 32 groups are 2.6 GB.
+# A single late photon may stretch the delays by any factor. The limit is memory: 1e7 bins by 32
+# groups of 8 bytes are 2.6 GB.
 _MOST_BINS = 10**7
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ImpulseResponse(Stored, kind="impulse-response", title="meshtrace impulse response"):
-    """Impulse response of a channel, h(t) in gain per second.
+    """Impulse response h(t) of a channel: gain per second of delay.
 
     Attributes
     ----------
@@ -32,14 +33,14 @@ class ImpulseResponse(Stored, kind="impulse-response", title="meshtrace impulse 
     h, h_stderr : ndarray, shape (n,)
         Gain per second in each bin, and its standard error.
     first_arrival : float
-        Delay of the first light [s] from its emission.
+        Time from emission to the first arrival [s].
     mean_delay, mean_delay_stderr : float
-        Mean delay behind the first arrival [s].
+        Mean delay after the first arrival, weighted by gain, and its standard error [s].
     rms_delay_spread, rms_delay_spread_stderr : float
-        Root of the variance of the delays [s].
+        Standard deviation of the delays, weighted by gain, and its standard error [s].
     delay, weight, angle : ndarray, shape (arrivals,)
-        Delays behind the first arrival [s], contributions to the gain, and angles to the axis of
-        the receiver [rad], nan where they are not recorded.
+        Delays after the first arrival [s], contributions to the gain [1], and angles to the axis
+        of the receiver [rad], nan where they are not recorded.
     provenance : dict
         Versions, configuration and seeds of the run.
     """
@@ -83,7 +84,7 @@ def impulse_response(
     Parameters
     ----------
     result : GainResult
-        Of `simulate(..., record=[Arrivals()])`, by either estimator.
+        Result of `simulate(..., record=[Arrivals()])` with either estimator.
     bin_width : float
         Width of the delay bins [s].
     receiver : int
@@ -96,13 +97,15 @@ def impulse_response(
     Raises
     ------
     Refused
-        If the run kept no arrivals, or none came.
+        If the run recorded no arrivals, no light arrived at the receiver, or the delays span too
+        many bins.
 
     Notes
     -----
-    Standard errors come from 32 independent groups of arrivals (the shifts of the points, or
-    photon ids modulo 32). The phase index stands for the group index, which is some 3 %
-    larger in sea water; it is common to all arrivals.
+    Standard errors come from 32 independent groups of arrivals (random shifts of the quasi-random
+    points of chains, or photon ids modulo 32). The refractive indices n are those of the phase
+    velocity, the same for all arrivals; the group index of sea water, which pulses follow, is some
+    3 % larger.
     """
     arrivals = getattr(result, "arrivals", None)
     if arrivals is None:
@@ -118,7 +121,7 @@ def response_of(
     receiver: int = 0,
     provenance: dict[str, Any] | None = None,
 ) -> ImpulseResponse:
-    """Return the impulse response of arrivals."""
+    """Return the impulse response from the arrivals at one receiver; see `impulse_response`."""
     chosen = arrivals.receiver == receiver
     if not chosen.any():
         raise Refused("receiver", receiver, "a receiver where light arrived")
@@ -127,16 +130,20 @@ def response_of(
     first = float(time.min())
     delay = time - first
     longest = float(delay.max())
+    # written so that a quotient that overflows to inf, or is nan, is refused, too
     if not longest / bin_width < _MOST_BINS:
         allowed = f"at most {_MOST_BINS} bins over {longest:.3g} s"
         raise Refused("bin_width", bin_width, allowed)
     bins = (delay / bin_width).astype(int)
     by_group = sums_by_group(group, weight, bins, int(bins.max()) + 1)
+    # sums of w, w t and w t^2 by group, shape (SHIFTS, 3)
     moments = np.stack([sums_by_group(group, weight * delay**k)[:, 0] for k in range(3)], axis=1)
     mean, spread = _delays(moments.mean(axis=0))
-    # mean and spread are ratios of sums: their errors come from the jackknife, all groups but one
+    # mean and spread are ratios of sums: their errors come from the jackknife, which leaves out one
+    # group at a time
     others = (moments.sum(axis=0) - moments) / (SHIFTS - 1)
-    # s^2 = (n - 1) / n sum (x_i - mean)^2 (Efron and Stein 1981, eq. 1.4)
+    # s^2 = (n - 1) / n sum (x_i - mean)^2 = (n - 1) var (Efron and Stein 1981, eq. 1.4), with var
+    # the mean square about the mean, as of `std`
     factor = np.sqrt(SHIFTS - 1)
     errors = [float(factor * v.std()) for v in np.array([_delays(m) for m in others]).T]
     return ImpulseResponse(
@@ -156,7 +163,7 @@ def response_of(
 
 
 def _delays(moments: Floats) -> tuple[float, float]:
-    """Return mean and standard deviation from sums of w, w t, w t^2."""
+    """Return the weighted mean and standard deviation [s] from sums of w, w t, w t^2."""
     mean = moments[1] / moments[0]
     # rounding may turn the variance of equal delays negative
     return float(mean), float(np.sqrt(max(moments[2] / moments[0] - mean**2, 0.0)))

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
     from meshtrace.fading import FadingStatistics
 
-_FEW = 50  # gains shown in place of statistics
-_MOST_NOISE = 0.05  # fraction of the variance below which noise is not reported
-_EACH = Variable("step", "receiver")
+_MOST_LISTED = 50  # gains that a summary lists where there are too few for statistics: tuned
+_NOISE_REPORTED = 0.05  # share of the variance from which noise gets a note: tuned
+_PER_STEP = Variable("step", "receiver")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,23 +45,23 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
     Attributes
     ----------
     along : {"time", "realization"}
-        Difference between the surfaces.
+        What distinguishes the surfaces: the time, or the random phases of their waves.
     coordinate : ndarray, shape (n,)
         Times [s], or seeds of the realizations.
     gain, gain_stderr, gain_ballistic : ndarray, shape (n,) or (n, receivers)
         Gain, its standard error and its unscattered part.
     mean_stderr : float or ndarray, shape (receivers,)
-        Monte Carlo standard error of the mean gain. The chains are common to all surfaces, so
-        that it is not that of n independent gains.
+        Monte Carlo standard error of the mean gain. All surfaces share their chains: it does not
+        fall as it would for n independent gains.
     provenance : dict
         Versions, configuration and seeds.
     """
 
     along: Literal["time", "realization"]
     coordinate: Annotated[NDArray[Any], Variable("step", name="step")]
-    gain: Annotated[Floats, _EACH]
-    gain_stderr: Annotated[Floats, _EACH]
-    gain_ballistic: Annotated[Floats, _EACH]
+    gain: Annotated[Floats, _PER_STEP]
+    gain_stderr: Annotated[Floats, _PER_STEP]
+    gain_ballistic: Annotated[Floats, _PER_STEP]
     mean_stderr: Any
     provenance: dict[str, Any] = field(default_factory=dict)
 
@@ -69,7 +69,7 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
 
     @property
     def gains(self) -> Floats:
-        """Gains as an array of two dimensions, shape (n, receivers)."""
+        """Gains as an array, shape (n, receivers) also for a single receiver."""
         return self.gain.reshape(len(self.coordinate), -1)
 
     @property
@@ -89,10 +89,10 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
 
         .. math:: \sigma_\mathrm{own}^2 = (\overline{s_i^2} - s_{\bar h}^2) \, n / (n - 1)
 
-        is the contribution of the Monte Carlo errors s_i to the variance of the gains, beyond the
-        error s_hbar of their mean, which is common to all. It is removed from an ensemble. On a
-        moving sea it varies as smoothly as the gain, and the correlation cannot separate the two:
-        it stays, and is reported in a note unless negligible.
+        is the contribution of the Monte Carlo errors s_i of the n gains to their variance, without
+        the error s_hbar of their mean, which shifts all gains alike. It is removed from an
+        ensemble. On a moving sea it varies as smoothly as the gain, and the correlation cannot
+        separate the two: it stays, and is reported in a note unless negligible.
 
         Parameters
         ----------
@@ -113,21 +113,23 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
         gain, mean_stderr = self.gains[:, receiver], float(self.mean_stderrs[receiver])
         stderr = self.gain_stderr.reshape(n, -1)[:, receiver]
         noise = float(np.mean(stderr**2))
-        # all surfaces have the same chains: the error of the mean widens no spread
+        # sigma_own^2 of the docstring
         own_noise = max(noise - mean_stderr**2, 0.0) * n / max(n - 1, 1)
         if self.along == "realization":
+            # scaled so that their mean square is own_noise: `fading_statistics` subtracts it
             options["gain_stderr"] = (np.sqrt(own_noise / noise) if noise > 0.0 else 0.0) * stderr
         else:
             options["time"] = self.time
         statistics = fading_statistics(gain, common_stderr=mean_stderr, **options)
+        # of gains without any spread, such as 0 everywhere, the share is 0 or 1, not 0 / 0
         notes, share = statistics.notes, own_noise / max(float(gain.var()), own_noise, 1e-300)
-        if self.along == "time" and share >= _MOST_NOISE:
+        if self.along == "time" and share >= _NOISE_REPORTED:
             note = f"Monte Carlo noise is {100.0 * share:.0f} % of the variance: increase photons"
             notes = (*notes, note)
         return replace(statistics, provenance=self.provenance, notes=notes)
 
     def _headline(self) -> str:
-        # a line has room for four receivers
+        # a line of a terminal has room for four receivers
         means = self.gains.mean(axis=0)
         pairs = zip(means[:4], self.mean_stderrs, strict=False)
         shown = ", ".join(f"mean {mean:.4e} +- {stderr:.1e}" for mean, stderr in pairs)
@@ -142,9 +144,9 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
             if self.gain.ndim == 2:
                 lines.append(f"receiver {receiver}")
             if self.along == "realization":
-                shares = (1, 5, 25, 50, 75, 95, 99)
-                lines.append("".join(f"{f'{share} %':>12}" for share in shares))
-                lines.append("".join(f"{value:>12.4e}" for value in np.percentile(gain, shares)))
+                levels = (1, 5, 25, 50, 75, 95, 99)
+                lines.append("".join(f"{f'{level} %':>12}" for level in levels))
+                lines.append("".join(f"{value:>12.4e}" for value in np.percentile(gain, levels)))
                 lines.append("")
             lines.append(self._statistics(receiver))
             lines += self._origin_lines()
@@ -154,13 +156,14 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
         return "\n".join(lines)
 
     def _check(self) -> None:
-        # an attribute, which the check of the sizes of variables leaves out
+        # `mean_stderr` is an attribute: the check of `Stored` covers the sizes of variables alone
         stderrs = self.mean_stderrs
         if stderrs.dtype.kind not in "biuf" or stderrs.shape != self.gains.shape[1:]:
             raise ValueError(f"mean_stderr of {stderrs.dtype}, shape {stderrs.shape}")
 
     def _origin_lines(self) -> list[str]:
-        """Return the scintillation index of unscattered light, measured and in closed form."""
+        """Return the scintillation index of unscattered light, by the gains and in closed form."""
+        # there is a closed form for links with one receiver only
         closed, ballistic = self.provenance.get("closed_form"), self.gain_ballistic
         if not closed or not ballistic.any():
             return []
@@ -172,36 +175,37 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
         ]
 
     def _statistics(self, receiver: int) -> str:
-        """Return the fading of a receiver, or the first gains of a series too short for it."""
+        """Return the fading of a receiver; the first gains and the reason where there is none."""
         try:
             return self.fading(receiver).summary()
         except ValueError as error:
             lines = []
             if self.along == "time":
-                frames = zip(self.time[:_FEW], self.gains[:, receiver], strict=False)
+                frames = zip(self.time[:_MOST_LISTED], self.gains[:, receiver], strict=False)
                 lines = [f"  {t:>12g} s {g:.4e}" for t, g in frames]
             return "\n".join([*lines, f"no fading statistics: {error}"])
 
 
 LIT = 0.01
-"""Share of the highest gain below which errors are relative to it."""
+"""Share of the highest gain of a map that errors of darker cells are relative to."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CoverageMap(Stored, kind="coverage", title="meshtrace coverage map"):
-    """Gain of a receiver at each place of its plane.
+    """Map of the gain over places of the receiver in its horizontal plane.
 
     Attributes
     ----------
     x, y : ndarray, shape (nx,), (ny,)
         Centres of the cells [m].
     gain, gain_stderr : ndarray, shape (nx, ny)
-        Gain of the link's receiver if it were there, averaged over the cell, and its error.
+        Gain of the link's receiver if it were there, averaged over the cell, and its standard
+        error.
     provenance : dict
         Versions and configuration.
     gain_bound : ndarray, shape (nx, ny), or None
         Upper bound of the gain at 95 % confidence in cells without received light, nan
-        elsewhere; None if all received light, or without a tolerance.
+        elsewhere; None if all cells received light, or if no tolerance `rtol` was asked for.
     """
 
     x: Annotated[Floats, Variable("x")]
@@ -255,7 +259,10 @@ class CoverageMap(Stored, kind="coverage", title="meshtrace coverage map"):
 
 
 def relative_errors(gain: Floats, stderr: Floats) -> Floats:
-    """Return the errors of cells over their gains, or over 1 % of the highest gain."""
+    """Return the errors of cells relative to their gains, or to 1 % of the highest if larger.
+
+    Infinite for a map without received light.
+    """
     highest = float(gain.max())
     if highest == 0.0:
         return np.full(gain.shape, np.inf)
@@ -263,27 +270,27 @@ def relative_errors(gain: Floats, stderr: Floats) -> Floats:
 
 
 def as_high(gain: Floats, stderr: Floats) -> NDArray[np.bool_]:
-    """Return the cells of a map (nx, ny) that may be as high as the highest one.
+    """Return a mask of the cells of a map (nx, ny) whose gain may be as high as the highest one.
 
-    The error of a difference is that of independent errors, at 95 % confidence for all cells
-    together: of many cells with noise the highest is a chance.
+    Their difference from it is within its error, as of independent gains, at 95 % confidence for
+    all cells together: which of many noisy cells is the highest is partly chance.
     """
-    # Bonferroni: the chance that any of `size` comparisons errs is at most 5 %
+    # Bonferroni's correction: the probability that any of `size` comparisons errs is at most 5 %
     z = -NormalDist().inv_cdf(0.05 / gain.size)
     best = np.unravel_index(int(gain.argmax()), gain.shape)
-    near: NDArray[np.bool_] = gain + z * np.hypot(stderr, stderr[best]) >= gain[best]
-    return near
+    within: NDArray[np.bool_] = gain + z * np.hypot(stderr, stderr[best]) >= gain[best]
+    return within
 
 
 def place_of_highest(gain: Floats, stderr: Floats) -> tuple[int, int] | None:
-    """Return the indices of the highest gain of a map (nx, ny), None if errors hide its place.
+    """Return the indices of the highest cell of a map (nx, ny), None if noise hides its place.
 
-    It is resolved if all cells that are `as_high` are next to it.
+    The place is resolved if all cells that are `as_high` are the highest one or its neighbours,
+    which belong to the same peak.
     """
     best = np.array(np.unravel_index(int(gain.argmax()), gain.shape))
-    # neighbours as high as the highest cell are its peak, not another one
-    away = np.abs(np.argwhere(as_high(gain, stderr)) - best)
-    return (int(best[0]), int(best[1])) if (away <= 1).all() else None
+    offsets = np.abs(np.argwhere(as_high(gain, stderr)) - best)  # (cells, 2), in cells
+    return (int(best[0]), int(best[1])) if (offsets <= 1).all() else None
 
 
 Result = TypeVar("Result", bound=Stored)
@@ -294,9 +301,9 @@ Options = ParamSpec("Options")
 class ByWavelength(
     Stacked, Generic[Result], kind="wavelengths", title="meshtrace results by wavelength"
 ):
-    """Results of one link at several wavelengths, with common paths where that is possible.
+    """Results of one link at several wavelengths, from common paths where that is possible.
 
-    The standard errors of the wavelengths are correlated: their noise cancels in ratios.
+    The noise of wavelengths with common paths is correlated: it largely cancels in ratios.
 
     Attributes
     ----------
@@ -332,8 +339,8 @@ class ByWavelength(
             If the result has no such wavelength.
         """
         if wavelength_nm not in self.wavelength_nm:
-            known = ", ".join(f"{nm:g}" for nm in self.wavelength_nm)
-            raise Refused("wavelength_nm", wavelength_nm, known)
+            allowed = ", ".join(f"{nm:g}" for nm in self.wavelength_nm)
+            raise Refused("wavelength_nm", wavelength_nm, allowed)
         return dict(self)[wavelength_nm]
 
     def __iter__(self) -> Iterator[tuple[float, Result]]:
@@ -353,7 +360,7 @@ class ByWavelength(
     @property
     def brightest(self) -> float:
         """Wavelength of the highest mean gain of the first receiver [nm]."""
-        # gains of a series have their surfaces as a dimension, those of a map its places
+        # a series has its surfaces as a further dimension, a map its places: means over these
         gain = self["gain"]
         if "receiver" in gain.dims:
             gain = gain.isel(receiver=0)
@@ -373,16 +380,17 @@ class ByWavelength(
         for nm, result in self:
             assert isinstance(result, GainResult)
             water = result.provenance.get("link", {}).get("water", {})
-            known = [f"{key} {water[key]:.4g}" for key in ("a", "b", "n") if key in water]
+            # absorption a and scattering b [m-1], refractive index n
+            optics = [f"{key} {water[key]:.4g}" for key in ("a", "b", "n") if key in water]
             for r, (gain, stderr) in enumerate(zip(result.gains, result.stderrs, strict=True)):
                 samples = f"{result.scattered[r].effective:,.0f}" if result.scattered else "-"
-                about = ", ".join([f"receiver {r}"] * (len(result.gains) > 1) + known)
+                about = ", ".join([f"receiver {r}"] * (len(result.gains) > 1) + optics)
                 lines.append(f"{nm:>8g}{gain:>13.4e}{stderr:>16.1e}{samples:>19}  {about}")
         return "\n".join(lines)
 
 
 class Spectral(Protocol[Options, Result]):
-    """Function with a result, or one for each of the wavelengths that it is given."""
+    """Function that returns a result, or `ByWavelength` if it is called with `wavelengths_nm`."""
 
     @overload
     def __call__(
@@ -396,22 +404,22 @@ class Spectral(Protocol[Options, Result]):
 def spectral(
     function: Callable[Options, Result | ByWavelength[Result]],
 ) -> Spectral[Options, Result]:
-    """Return a function, for type checkers with the kind of result that its options give."""
+    """Return a function unchanged, typed as `Spectral`: the result depends on its options."""
     return cast(Spectral[Options, Result], function)
 
 
 def by_wavelength(data: xr.Dataset) -> xr.Dataset:
-    """Return a dataset with wavelengths, if it has the dimension, as its coordinate."""
+    """Return a dataset with its dimension `wavelength`, if any, replaced by `wavelength_nm`."""
     return data.swap_dims(wavelength="wavelength_nm") if "wavelength" in data.dims else data
 
 
 def checked_wavelengths(wavelengths_nm: Any) -> list[float]:
-    """Return wavelengths [nm], rising and all different.
+    """Return wavelengths [nm] in rising order.
 
     Raises
     ------
     Refused
-        If there is none, or one twice, or one is no finite number.
+        If there is none, one occurs twice, or one is not a finite number.
     """
     allowed = "one or more wavelengths [nm]"
     values = np.atleast_1d(require_finite(wavelengths_nm, "wavelengths_nm", allowed))

@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
 
 def standard_error(total: Any, squares: Any, n: int) -> Any:
-    """Return the standard error of the mean of n photons, from sum and sum of squares."""
+    """Return the standard error of the mean score of n photons, from sum and sum of squares.
+
+    s = [(mean of squares - square of mean) / (n - 1)]^(1/2), nan for a single photon.
+    """
     if n < 2:
         return np.full_like(np.asarray(total, float), math.nan)
     mean = np.asarray(total) / n
@@ -30,32 +33,35 @@ def standard_error(total: Any, squares: Any, n: int) -> Any:
 
 def error_of_groups(samples: Floats, axis: int = 0) -> Floats:
     """Return the standard error of the mean of independent samples, along an axis."""
-    # ddof = 1: the mean is that of the same samples
+    # ddof = 1: the mean is estimated from the same samples
     return np.asarray(samples.std(axis=axis, ddof=1) / math.sqrt(samples.shape[axis]))
 
 
 def sums_by_group(
     group: NDArray[np.int64], weight: Floats, cell: Any = 0, cells: int = 1
 ) -> Floats:
-    """Return the sum of the weights of rows in each cell by each group, shape (SHIFTS, cells).
+    """Return the estimates of each group for the sums of weights in cells, shape (SHIFTS, cells).
 
-    The mean over the groups is the sum of all rows: those of a group, a share of the light, count
-    times the number of groups; those without error by chance, of group -1, are part of every group.
+    `group`, `weight` and `cell` are those of arrivals. A group has about 1 / SHIFTS of the light:
+    its sums are multiplied by SHIFTS, so that the mean over the groups is the sum of all arrivals.
+    Arrivals of group -1 have no Monte Carlo error, and count in full in every group.
     """
-    chance, cell = group >= 0, np.broadcast_to(cell, group.shape)
-    place = group[chance] * cells + cell[chance]
-    sums: Any = np.bincount(place, weight[chance], SHIFTS * cells)
-    return SHIFTS * sums.reshape(SHIFTS, cells) + np.bincount(cell[~chance], weight[~chance], cells)
+    random, cell = group >= 0, np.broadcast_to(cell, group.shape)
+    index = group[random] * cells + cell[random]
+    sums: Any = np.bincount(index, weight[random], SHIFTS * cells)
+    return SHIFTS * sums.reshape(SHIFTS, cells) + np.bincount(cell[~random], weight[~random], cells)
 
 
 def merged_mean(
     means: Sequence[Floats], errors: Sequence[Floats], n: NDArray[np.int64]
 ) -> tuple[Floats, Floats]:
-    """Return mean and standard error of all photons; a run of one photon has no error."""
+    """Return the mean of all photons and its standard error from those of runs of n[i] photons."""
     total = int(n.sum())
-    # exact for any split of the photons, unlike weights by the standard errors
+    # weighted by photons k: the mean of all however they are split into runs, whereas weights by
+    # the standard errors, which are correlated with the means, would be biased
     mean = np.asarray(sum(k / total * m for m, k in zip(means, n, strict=True)))
-    # s^2 (k - 1) + m^2 is the mean square of a run: those of runs add by their photons
+    # a run with mean m and standard error s has the mean square s^2 (k - 1) + m^2, see
+    # `standard_error`; the error of a single photon is nan
     square = sum(
         k / total * (m * m + (0.0 if k < 2 else s * s * (k - 1)))
         for m, s, k in zip(means, errors, n, strict=True)
@@ -68,23 +74,27 @@ SPEED_OF_LIGHT = 299_792_458.0
 
 
 def travel_time(water: Floats, air: Floats, n_water: float, n_air: float) -> Floats:
-    """Return the times [s] of paths [m] in water and air, by the phase velocities."""
+    """Return travel times [s] along paths [m] in water and air, at the phase velocities."""
     return (n_water * water + n_air * air) / SPEED_OF_LIGHT
 
 
 def merged_means(runs: Sequence[Any], n: NDArray[np.int64]) -> dict[str, Any]:
-    """Return the fields with a standard error, and the errors, for all photons of runs of n."""
+    """Return the fields that have a standard error, and the errors, for the photons of all runs.
+
+    Run i has n[i] photons; a field "x" has its error in the field "x_stderr".
+    """
     means: dict[str, Any] = {}
     for name in described(type(runs[0])):
         values, stderr = [getattr(run, name) for run in runs], f"{name}_stderr"
         if hasattr(runs[0], stderr) and values[0] is not None:
             pair = merged_mean(values, [getattr(run, stderr) for run in runs], n)
+            # fields that are numbers remain numbers
             means[name], means[stderr] = (v if v.ndim else v.item() for v in pair)
     return means
 
 
 class Tally:
-    """Arrays of a run in addition to its gains; subclasses are dataclasses of them."""
+    """Base of further results of a run beside its gains; subclasses are dataclasses of arrays."""
 
     def __repr__(self) -> str:
         shapes = (f"{name} {array.shape}" for name, (_, array) in variables_of(self).items())
@@ -92,13 +102,13 @@ class Tally:
 
     @classmethod
     def merged(cls, tallies: Sequence[Any], n: NDArray[np.int64]) -> Self:
-        """Return the tally of all photons of several runs of n photons on the same axes."""
+        """Return the tally of all photons of runs of n[i] photons, with the same axes."""
         return replace(tallies[0], **merged_means(tallies, n))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ArrivalTally(Tally):
-    """Light at the receivers, a row for each contribution of a sample, a chain or a photon.
+    """Arrivals of light at the receivers: contributions of chains, photons or facets.
 
     Attributes
     ----------
@@ -107,16 +117,16 @@ class ArrivalTally(Tally):
     weight : ndarray, shape (arrivals,)
         Contributions to the gain [1]; those of a receiver add up to it.
     water_path, air_path : ndarray, shape (arrivals,)
-        Path lengths in water and air [m]; unscattered light without random slopes crosses at the
-        centroid of a facet.
+        Path lengths in water and air [m]; unscattered light without random slopes is taken to
+        cross the surface at the centroid of a facet.
     time : ndarray, shape (arrivals,)
         Time from emission to arrival [s], by the phase velocities.
     angle : ndarray, shape (arrivals,)
         Angle of arrival to the axis of the receiver [rad]; nan where it is not known, that is for
         joined photons of a downlink.
     group : ndarray, shape (arrivals,)
-        Independent estimate, 0 to 31, that an arrival belongs to; the groups share the gain
-        equally. -1 has no Monte Carlo error: it is part of every group.
+        Index of the independent group of samples, 0 to 31, that an arrival belongs to; each group
+        has an equal share of the samples. -1: no Monte Carlo error, part of every group.
     sample : ndarray, shape (arrivals,)
         Number of the chain or photon, which may bring several arrivals; -1 for unscattered light
         without random slopes.
@@ -141,7 +151,7 @@ class ArrivalTally(Tally):
     order: Annotated[NDArray[np.int64], Variable("arrival", name="arrival_order")]
 
     def to_dataset(self) -> xr.Dataset:
-        """Return the rows as a Dataset, a variable with its unit for each column."""
+        """Return the arrivals as a Dataset, with one variable and its unit for each column."""
         import xarray as xr
 
         names = described(type(self))
@@ -150,7 +160,7 @@ class ArrivalTally(Tally):
         )
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return the rows as a pandas DataFrame, in the units of `to_dataset`.
+        """Return the arrivals as a pandas DataFrame, in the units of `to_dataset`.
 
         Examples
         --------
@@ -164,27 +174,30 @@ class ArrivalTally(Tally):
         return self.to_dataset().to_dataframe()
 
     def with_gains(self, gains: Floats) -> ArrivalTally:
-        """Return the arrivals with weights that add up to the gain of each receiver."""
-        known = np.bincount(self.receiver, self.weight, len(gains))
+        """Return the arrivals with weights scaled to add up to the given gain of each receiver."""
+        sums = np.bincount(self.receiver, self.weight, len(gains))
         # a receiver without arrivals has nothing to scale
-        factor = np.divide(gains, known, out=np.ones(len(gains)), where=known > 0.0)
+        factor = np.divide(gains, sums, out=np.ones(len(gains)), where=sums > 0.0)
         return replace(self, weight=factor[self.receiver] * self.weight)
 
     def moved(self, receivers: Sequence[int], samples: int) -> ArrivalTally:
-        """Return the arrivals at other receivers, their samples counted after some others."""
-        # joined photons of some receivers stand behind the chains of all, which count from 0
+        """Return the arrivals with `receivers[i]` in place of receiver i, and later sample numbers.
+
+        `samples` is the number of samples that come before: joined photons of a part of the
+        receivers are numbered after the chains, which count from 0.
+        """
         receiver = np.array(receivers, np.int64)[self.receiver]
         return replace(self, receiver=receiver, sample=self.sample + samples)
 
     @classmethod
     def concatenated(cls, tables: Sequence[ArrivalTally]) -> Self:
-        """Return the arrivals of several tables."""
+        """Return the arrivals of several tables as one."""
         columns = ([getattr(table, name) for table in tables] for name in described(cls))
         return cls(*map(np.concatenate, columns))
 
     @classmethod
     def merged(cls, tallies: Sequence[ArrivalTally], n: NDArray[np.int64]) -> Self:
-        """Return the arrivals of several runs of n photons."""
+        """Return the arrivals of runs of n[i] photons, with weights per photon of all runs."""
         shares = zip(tallies, n / n.sum(), strict=True)
         return cls.concatenated([replace(run, weight=k * run.weight) for run, k in shares])
 
@@ -207,8 +220,8 @@ class Planes(Tally):
         Radiance, integrated over the plane, per emitted power [sr-1], and its standard error from
         32 groups of photons (nan for fewer than 64 photons); None without bins.
     cosine_edges, azimuth_edges : ndarray, shape (cosines + 1,), (azimuths + 1,), or None
-        Edges of the bins: cosine of the zenith angle of the light's travel, from 1 (straight up)
-        to -1, and azimuth of the travel from +x counter-clockwise [rad].
+        Edges of the bins of the direction in which light travels: cosine mu of its zenith angle,
+        from 1 (straight up) to -1, and azimuth phi from +x counter-clockwise [rad].
 
     Notes
     -----
@@ -217,9 +230,9 @@ class Planes(Tally):
     .. math:: \bar L_{ij} = \frac{1}{P} \int \mathrm dA\, L
         = \frac{F_{ij}}{P \int_{ij} |\mu| \,\mathrm d\mu \,\mathrm d\varphi},
 
-    for the flux F of a bin: the mean over the bin with weight \|mu\|. With the sun or a sky, whose
-    square stands for an infinitely wide source, they are values at a point per irradiance
-    just above the sea: W m-2 per W m-2 and W m-2 sr-1 per W m-2.
+    for the flux F of a bin and the emitted power P: the mean over the bin with weight \|mu\|. With
+    the sun or a sky, whose illuminated square stands for an infinitely wide one, they are values
+    at a point per irradiance just above the sea: W m-2 per W m-2 and W m-2 sr-1 per W m-2.
     """
 
     depth: Annotated[Floats, Variable("plane", name="plane_depth")]
@@ -237,7 +250,7 @@ class Planes(Tally):
     azimuth_edges: Annotated[Floats | None, Variable("azimuth_edge")] = None
 
     def _derived(self) -> Variables:
-        """Return the centres of the bins in radiance."""
+        """Return the centres of the bins of radiance as coordinates of a dataset."""
         bins = {"cosine": self.cosine_edges, "azimuth": self.azimuth_edges}
         return {
             name: ((name,), 0.5 * (edges[1:] + edges[:-1]))
@@ -247,11 +260,12 @@ class Planes(Tally):
 
     @staticmethod
     def radiance_of(flux: Floats, stderr: Floats) -> dict[str, Floats]:
-        """Return radiance, its error and the bins from the flux in each bin."""
+        """Return the fields of the radiance from the flux in bins (planes, cosines, azimuths)."""
         n_cosines, n_azimuths = flux.shape[1:]
         cosine = np.linspace(1.0, -1.0, n_cosines + 1)
         azimuth = np.linspace(0.0, 2.0 * math.pi, n_azimuths + 1)
-        # integral of |mu|, for an odd number of bins over one with both signs, too
+        # int |mu| dmu = mu |mu| / 2, also where mu changes sign: in the middle one of an odd number
+        # of bins
         projected = np.abs(np.diff(0.5 * cosine * np.abs(cosine)))[:, None] * np.diff(azimuth)
         return {
             "radiance": flux / projected,
@@ -261,7 +275,7 @@ class Planes(Tally):
         }
 
 
-_AXES = "map_axis_x", "map_axis_y"  # in a dataset x and y are the cells of other maps
+_AXES = "map_axis_x", "map_axis_y"  # dimensions x and y of a dataset are those of `CoverageMap`
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,4 +1,4 @@
-"""The text of a link file and its tables: reading, keys, single settings by dotted key."""
+"""Text and tables of link files: parsing, notes on keys, and settings by dotted key."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ KEYS = tuple(
 """Keys at the top of a link file."""
 
 LARGEST_FILE = 16 * 2**20
-"""Bytes of a link file beyond which it is refused."""
+"""Largest size of a link file [bytes]; larger ones are refused."""
 
-_MOST_DOTS = 64  # of a key: the time that TOML takes grows with their square
+_MOST_DOTS = 64  # in a key, tuned: the time to parse it grows with their square
 
 
 def read_text(path: str | Path) -> str:
@@ -42,7 +42,7 @@ def read_text(path: str | Path) -> str:
         if file.exists() and file.stat().st_size > LARGEST_FILE:
             size = Described(f"{file.stat().st_size / 2**20:.0f} MB")
             raise Refused(str(path), size, f"at most {LARGEST_FILE / 2**20:.0f} MB")
-        return file.read_text(encoding="utf-8-sig")  # some editors write a mark
+        return file.read_text(encoding="utf-8-sig")  # some editors write a byte order mark
     except OSError as error:
         raise Refused(str(path), Described(error.strerror), "a TOML file") from error
     except ValueError as error:
@@ -52,15 +52,16 @@ def read_text(path: str | Path) -> str:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Return the tables of a text."""
+    """Return the tables that the text of a link file describes."""
     for line in text.splitlines():
         key = line.partition("=")[0]
-        # tables nest by dots: a long key of a stranger's file would nest too deep
+        # each dot nests one more table: a malicious key would exhaust time or stack. "," and "#"
+        # tell lines that are no keys: items of an array, comments
         if key.count(".") > _MOST_DOTS and not {",", "#"} & set(key):
             raise Refused("", key, f"keys of at most {_MOST_DOTS} dots")
     try:
         return tomllib.loads(text)
-    except ValueError as error:  # also integers of more digits than Python reads
+    except ValueError as error:  # TOMLDecodeError, or an integer of more digits than int() reads
         raise Refused("", Described(str(error)), "TOML") from error
     except RecursionError as error:
         raise Refused("", Described("nested too deeply"), "tables of a link file") from error
@@ -68,7 +69,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 @check_call
 def parse_setting(setting: str) -> tuple[str, Any]:
-    """Split "key=value" into the dotted key and its value, read as TOML or else as a word.
+    """Split "key=value" into the dotted key and its value, parsed as TOML or else taken as a word.
 
     Raises
     ------
@@ -88,7 +89,7 @@ def parse_setting(setting: str) -> tuple[str, Any]:
     try:
         return key.strip(), parse_toml(f"value = {value}")["value"]
     except Refused:
-        # a shell removes the quotes of a word
+        # not TOML, such as a word whose quotes the shell has removed
         return key.strip(), value.strip()
 
 
@@ -100,7 +101,7 @@ def with_notes(text: str, parts: Mapping[str, Iterable[Any]]) -> str:
     text : str
         Text of a link file.
     parts : mapping of str to models
-        Models behind each table; those of inner tables are fields of them.
+        Models whose fields are the keys of each table; those of inner tables are fields of them.
     """
     lines, models = [], list(parts.get("", ()))
     for line in text.splitlines():
@@ -111,14 +112,14 @@ def with_notes(text: str, parts: Mapping[str, Iterable[Any]]) -> str:
                 models = [getattr(m, name) for m in models if hasattr(m, name)]
         key = line.partition(" = ")[0]
         notes = [type(m).notes() for m in models if isinstance(m, Model)]
-        # the first model with such a field: tables may describe several
+        # several models may share a table: the first that has such a field
         note = next((n[key] for n in notes if key in n), "")
         lines.append(f"{line}  # {note}" if note and not line.startswith((" ", "[")) else line)
     return "\n".join(lines) + "\n"
 
 
 def unset_keys() -> dict[str, list[str]]:
-    """Return lines "key = example  # note" of the keys that no default file holds, by table."""
+    """Return lines "key = example  # note" by table, for keys that no default link file has."""
     text = (resources.files("meshtrace") / "link_keys.toml").read_text(encoding="utf-8")
     tables: dict[str, list[str]] = {}
     for line in text.splitlines():
@@ -130,18 +131,19 @@ def unset_keys() -> dict[str, list[str]]:
 
 
 def with_unset_keys(text: str, more: str) -> str:
-    """Return the text of a link file with keys and tables that it does not hold as comments.
+    """Return the text of a link file with keys and tables that it lacks added as comments.
 
     Parameters
     ----------
     text : str
         Text of a link file.
     more : str
-        Text of further tables.
+        Text of tables that it lacks.
     """
     unset = unset_keys()
 
     def filled(part: str) -> list[str]:
+        """Return the lines of a text, with the unset keys below the head of each table."""
         lines = []
         for line in part.splitlines():
             keys = unset.pop(line.strip("[]"), []) if line.startswith("[") else []
@@ -150,22 +152,23 @@ def with_unset_keys(text: str, more: str) -> str:
 
     lines = filled(text)
     further = filled(more)
+    # `filled` has popped the tables of both texts: those in neither are left
     for name, keys in unset.items():
         further += ["", f"[{name}]", *keys]
-    # tables that the link has not would change it, unless they are comments
+    # as comments: tables that the link lacks would change it
     lines += [line if line.startswith("# ") else f"# {line}".rstrip() for line in ["", *further]]
     return "\n".join(lines) + "\n"
 
 
 _WORDS = {"sea": "", "water": "", "run": "", "bubbles": "model", "whitecaps": "model",
           "daylight": "model", "detector": "preset", "uav": "preset"}  # fmt: skip
-"""Tables whose keys are read one by one, with the key that a bare word stands for."""
+"""Tables that may be missing, each with the key that a bare word stands for ("": no word)."""
 
 
 def located(config: Mapping[str, Any], folder: str | Path) -> Table:
-    """Return a copy of nested tables with their paths `file` relative to a folder."""
+    """Return a copy of nested tables with a folder prepended to the paths at keys `file`."""
     copies = [tables := dict(config)]
-    for table in copies:  # grows by the tables inside
+    for table in copies:  # the list grows by the tables inside each
         for key, value in table.items():
             if isinstance(value, Mapping):
                 table[key] = dict(value)
@@ -179,16 +182,17 @@ def located(config: Mapping[str, Any], folder: str | Path) -> Table:
 
 
 def expand_words(tables: Table) -> None:
-    """Replace bare words by the tables that they stand for, and missing tables by empty ones."""
+    """Replace bare words in place by the tables that they stand for, and add missing tables."""
     for name, word in _WORDS.items():
-        # without [detector], [uav] and [daylight] a scenario has none
+        # missing [detector] and [uav] stay missing, and a missing [daylight] is "none": then the
+        # scenario has no such part, whereas an empty table stands for the defaults
         if name in tables or name not in ("detector", "uav"):
             missing = "none" if name == "daylight" else {}
             tables[name] = as_table(tables.get(name, missing), name, word)
 
 
 def set_value(config: dict[str, Any], key: str, value: Any) -> None:
-    """Set the value at a dotted key of nested tables."""
+    """Set the value at a dotted key of nested tables, in place; missing tables are added."""
     *parents, last = key.split(".")
     table: Any = config
     for name in parents:
@@ -208,26 +212,26 @@ def as_table(value: Any, path: str, word: str = "") -> Table:
 
 
 def split(table: Table, keys: Iterable[str]) -> tuple[Table, Table]:
-    """Return the part of a table that has certain keys, in their order, and the rest."""
+    """Split a table into its entries at `keys`, in the order of these, and all others."""
     part = {key: table[key] for key in keys if key in table}
     return part, {key: value for key, value in table.items() if key not in part}
 
 
 def validated(model: type[M], table: Table, path: str, keys: Sequence[str] = ()) -> M:
     """Return the model that a table describes; `keys` are further keys to name in errors."""
-    if keys:  # else the model names its own
+    if keys:  # without these the model itself refuses unknown keys, and names its own
         require_keys(table, list(dict.fromkeys([*keys, *model.model_fields])), path)
     with within(*filter(None, [path])):
         return model.model_validate(table)
 
 
 def plain(part: Any) -> Any:
-    """Return a model, or a tuple of them, as plain data, and None as it is."""
+    """Return a model, or each of a tuple of models, as plain data; None as it is."""
     if isinstance(part, tuple):
         return [plain(item) for item in part]
     return part and part.model_dump(mode="json", exclude_none=True)
 
 
 def unshared(table: Table, shared: Table) -> Table:
-    """Return the table without the values that it shares with other tables."""
+    """Return the table without the entries that equal those of `shared`."""
     return {k: v for k, v in table.items() if k not in shared or v != shared[k]}

@@ -1,4 +1,4 @@
-"""Scenarios: the complete description of a run, with its files and its run."""
+"""Scenario: complete description of a run, read from link files, written to them, and run."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ from meshtrace.scenario.seas import MeshFile
 from meshtrace.uav import Uav
 
 
-def _or_unavailable(value: Any, validated: Callable[[Any], Any]) -> Any:
-    return value if isinstance(value, UnavailableDaylight) else validated(value)
+def _or_unavailable(value: Any, validate: Callable[[Any], Any]) -> Any:
+    """Return an `UnavailableDaylight` unchanged; validate any other value."""
+    return value if isinstance(value, UnavailableDaylight) else validate(value)
 
 
 class Scenario(Model, frozen=True):
@@ -75,7 +76,8 @@ class Scenario(Model, frozen=True):
     run: Run = Run()
     detector: OokLink | None = None
     uav: Uav | None = None
-    # for a type checker that of a file whose package is missing is like any other: it refuses
+    # a link file whose model of light needs a missing package has an `UnavailableDaylight` here,
+    # typed as a Daylight: any use of its fields raises the refusal
     daylight: Annotated[Daylight | None, WrapValidator(_or_unavailable)] = None
 
     @field_validator("surface")
@@ -89,7 +91,7 @@ class Scenario(Model, frozen=True):
     @field_validator("detector")
     @classmethod
     def _detector_of_link(cls, detector: OokLink | None, info: ValidationInfo) -> OokLink | None:
-        # at each change of the link, too: power and wavelength follow it
+        # validators also run when the link is replaced: the detector follows each link
         link = info.data.get("link")
         return detector if detector is None or link is None else parts.detector_of(detector, link)
 
@@ -166,7 +168,7 @@ class Scenario(Model, frozen=True):
         folder: str | Path = ".",
         trust: bool = False,
     ) -> Self:
-        """Build the scenario that plain data describes, in the keys of a link file.
+        """Build a scenario from plain data with the keys of a link file.
 
         `folder` and `trust` are those of `from_toml`.
 
@@ -188,12 +190,14 @@ class Scenario(Model, frozen=True):
             raise Refused("config", config, "a table")
         with trusting(trust):
             require_keys(config, files.KEYS)
-            # words and paths are resolved in a copy, once: the readers see plain tables
+            # bare words (bubbles = "none") and relative paths are resolved here, in a copy: the
+            # functions that read the tables see neither
             tables = files.located(config, folder)
             files.expand_words(tables)
             wind_speed = tables.get("wind_speed", parts.DEFAULT_WIND_SPEED)
             allowed = "0 <= wind_speed <= 60 m/s"
             wind_speed = require_between(wind_speed, 0.0, 60.0, "wind_speed", "[]", allowed)
+            # printed: use the forms printed in the paper where the tables name no others
             sea, run, printed = tables["sea"], tables["run"], tables.get("physics") == "paper"
             sampling = seas.sampling_keys(sea)
             with within("sea"):
@@ -209,7 +213,8 @@ class Scenario(Model, frozen=True):
                 uav=parts.read_uav(tables.get("uav")),
                 daylight=parts.read_daylight(tables["daylight"], link),  # type: ignore[arg-type]
             )
-            # compared with the whole scenario: several receivers have no common aperture
+            # after the scenario is built: its detector follows the link unless there are several
+            # receivers
             parts.require_of_link(tables.get("detector", {}), scenario.detector)
             return scenario
 
@@ -238,28 +243,29 @@ class Scenario(Model, frozen=True):
         link = Link.model_validate(files.as_table(provenance["link"], "link"))
         surface = seas.surface_from_provenance(provenance)
         estimator = Estimator.member(options.get("estimator", "forced"), "run.estimator")
-        # a result holds the options of all estimators, a run those of its own
-        mine = {*Run.model_fields, *estimator.model_fields} - {"threads"}
+        # `options` is one flat table, which also has those of `Meshing` and further entries
+        run_keys = {*Run.model_fields, *estimator.model_fields} - {"threads"}
         return cls(
             wind_speed=seas.wind_of(link, surface),
             link=link,
             surface=surface,
             meshing=Meshing.model_validate(files.split(options, Meshing.model_fields)[0]),
-            run=Run.model_validate({k: v for k, v in options.items() if k in mine}),
+            run=Run.model_validate({k: v for k, v in options.items() if k in run_keys}),
         )
 
     def to_config(self) -> files.Table:
-        """Return the full configuration as plain data, in the keys of a link file.
+        """Return the full configuration as plain data with the keys of a link file.
 
         Keys that follow `wind_speed`, the water or the transmitter are left out.
         """
         link = self.link
         run = self.run.to_config() | {"normals": self.meshing.normals}
-        # the estimator that follows from such a surface need not be written
+        # an estimator that was not set follows from the surface again when the text is read: only
+        # what was set is written
         if "estimator" not in self.run.model_fields_set and seas.may_overhang(self.surface):
             run, _ = files.split(run, [*self.run.model_fields_set, "normals"])
         sampling = self.meshing.model_dump(exclude_none=True, exclude={"normals"})
-        if isinstance(self.surface, MeshFile):  # which stands still
+        if isinstance(self.surface, MeshFile):  # one mesh has no time
             del sampling["time"]
         config = {
             "wind_speed": self.wind_speed,
@@ -293,14 +299,15 @@ class Scenario(Model, frozen=True):
         text = tomli_w.dumps(config)
         if not notes:
             return text
+        # tables that the scenario lacks, with their defaults, to be shown as comments
         absent: files.Table = {"detector": parts.read_detector({}), "uav": parts.read_uav({})}
         absent = {name: part for name, part in absent.items() if name not in config}
-        more = tomli_w.dumps({name: files.plain(part) for name, part in absent.items()})
+        rest = tomli_w.dumps({name: files.plain(part) for name, part in absent.items()})
         models = self._parts() | {name: (part,) for name, part in absent.items()}
-        return files.with_unset_keys(files.with_notes(text, models), files.with_notes(more, models))
+        return files.with_unset_keys(files.with_notes(text, models), files.with_notes(rest, models))
 
     def _parts(self) -> dict[str, tuple[Any, ...]]:
-        """Return the models behind each table of a link file."""
+        """Return the models whose fields are the keys of each table of a link file."""
         link, run = self.link, self.run
         return {
             "": (self, link),
@@ -328,7 +335,8 @@ class Scenario(Model, frozen=True):
         surface : MeshSource or TriangleMesh, optional
             Another surface.
         fading : bool
-            Whether the answer is about fading, see `fading.resolve_band`.
+            Whether the question is about fading, see `fading.resolve_band`: `Meshing.waves` may
+            leave the choice of waves to it.
         mesh : Meshing, optional
             Another time, resolution and choice of waves.
         **options
@@ -339,9 +347,10 @@ class Scenario(Model, frozen=True):
         Refused
             If a mesh file cannot be read or does not cover the link, or the sea has no such waves.
         """
-        origin = {}
+        origin = {}  # entries for the provenance
         if surface is None and isinstance(self.surface, MeshFile):
             footprint = self.link.footprint()
+            # half-width of the square about (0, 0) that contains the fine part
             needed = footprint.fine_extent + max(map(abs, footprint.center))
             surface = self.surface.load(self.meshing.extent or needed)
             origin = {"mesh_file": self.surface.file}
@@ -349,7 +358,7 @@ class Scenario(Model, frozen=True):
         return case.with_options(mesh, **options).with_waves(fading)
 
     def mesh(self) -> TriangleMesh:
-        """Return the surface as the run needs it.
+        """Return the mesh of the surface that the run needs.
 
         Raises
         ------
@@ -367,16 +376,19 @@ class Scenario(Model, frozen=True):
         Raises
         ------
         Refused
-            As `Link.at_wavelength` and `Daylight.at_wavelength`.
+            See `Link.at_wavelength` and `Daylight.at_wavelength`.
         """
         day = self.daylight and self.daylight.at_wavelength(wavelength_nm)
-        at = self.link.at_wavelength(wavelength_nm)
-        return self.model_copy(update={"link": at, "daylight": day})
+        link = self.link.at_wavelength(wavelength_nm)
+        return self.model_copy(update={"link": link, "daylight": day})
 
     def simulate(
         self,
         progress: Callable[[int], None] | None = None,
         wavelengths_nm: ArrayLike | None = None,
     ) -> GainResult | ByWavelength[GainResult]:
-        """Run the scenario, see `meshtrace.simulate`; its provenance loads back."""
+        """Run the scenario, see `meshtrace.simulate`.
+
+        `from_provenance` restores the scenario from the provenance of the result.
+        """
         return simulate(self, progress=progress, wavelengths_nm=wavelengths_nm)

@@ -1,7 +1,7 @@
-"""The parts of a scenario except the sea: wind, link, detector, UAV.
+"""The parts of a scenario except the sea: link, mesh, run, detector, UAV and daylight.
 
-Each is read from its table of a link file, with the values shared with other tables filled in, and
-written back without the keys that follow the wind, the water or the transmitter.
+Each is read from its table of a link file, completed by values shared with other tables (wind,
+wavelength, index of the water), and written back without the keys that follow from these.
 """
 
 from __future__ import annotations
@@ -29,14 +29,17 @@ from meshtrace.uav import UAVS, Uav
 DEFAULT_WIND_SPEED = 5.0
 
 _UNSHARED = ("physics", "transmitter", "receiver", "planes", "n_air")
-"""Tables of the link that share no value with others."""
+"""Keys of the link whose values do not depend on other tables."""
 
 _PRINTED_BUBBLES = {"psi": "paper", "q": 2.0, "depth": "mean_level"}
-"""Forms of the bubbles in the paper, see `Scenario.from_config`."""
+"""Options of `HallNovarini` bubbles as published, see `Scenario.from_config`."""
 
 
 def follows_wind(model: type[Model]) -> bool:
-    """Return whether a model follows the wind of the file; one that was measured does not."""
+    """Return whether a model takes its wind speed from the link file by default.
+
+    Measured ones do not: they have no wind speed, or one that is None by default.
+    """
     field = model.model_fields.get("wind_speed")
     return field is not None and field.default is not None
 
@@ -44,29 +47,34 @@ def follows_wind(model: type[Model]) -> bool:
 def in_wind(
     model: type[M], table: Table, shared: Table, keys: Sequence[str] = ()
 ) -> tuple[M, bool]:
-    """Return the model of a table and of the values that it shares, and whether its sea is calm.
+    """Return the model of a table completed by shared values, and whether its wind speed is 0.
 
-    Spectra and bubbles refuse a wind speed of 0: they are validated at 5 m/s, so that their other
-    keys are still checked, and left out by the caller.
+    Spectra and bubbles refuse a wind speed of 0. They are validated at `DEFAULT_WIND_SPEED`, so
+    that their other keys are still checked; the caller leaves them out. `keys` are further ones
+    that errors name as allowed.
     """
     follows = follows_wind(model)
     if follows:
         table = {k: v for k, v in shared.items() if k in model.model_fields} | table
     speed = table.get("wind_speed")
-    calm = follows and speed == 0.0 and not isinstance(speed, bool)
+    calm = follows and speed == 0.0 and not isinstance(speed, bool)  # False == 0.0 in Python
     if calm:
         table["wind_speed"] = DEFAULT_WIND_SPEED
     return validated(model, table, "", keys), calm
 
 
 def read_link(tables: Table, wind_speed: float, printed: bool) -> Link:
-    """Return the link of all tables that describe it; `printed` has the forms of the paper."""
+    """Return the link that the tables of a link file describe.
+
+    With `printed`, water, bubbles and whitecaps have the published forms unless the tables name
+    others.
+    """
     fields = {key: tables[key] for key in _UNSHARED if key in tables}
     default = sources = Link.model_fields["transmitter"].default
     if "transmitter" in fields:
         with within("transmitter"):
             sources = fields["transmitter"] = Source.read_several(fields["transmitter"])
-    # the link refuses an empty list
+    # an empty list of sources gets the default here, and is refused by `Link` below
     first = next(iter(sources), default) if isinstance(sources, tuple) else sources
     fields["water"] = water = _water(tables["water"], first.wavelength_nm, printed)
     shared = {"wind_speed": wind_speed, "wavelength_nm": first.wavelength_nm, "n_water": water.n}
@@ -78,7 +86,7 @@ def read_link(tables: Table, wind_speed: float, printed: bool) -> Link:
 
 
 def read_meshing(sea: Table, keys: Iterable[str], run: Table) -> Meshing:
-    """Return the options of the mesh: some keys of [sea], and the normals in [run]."""
+    """Return the options of the mesh: `keys` of [sea], and `normals` of [run]."""
     try:
         normals = {key: value for key, value in run.items() if key == "normals"}
         return Meshing.model_validate({key: sea[key] for key in keys} | normals)
@@ -87,26 +95,28 @@ def read_meshing(sea: Table, keys: Iterable[str], run: Table) -> Meshing:
 
 
 def read_run(table: Table, link: Link) -> Run:
-    """Return the options of [run]; forced detection cannot follow all links."""
+    """Return the options of [run], by default analog if forced detection cannot follow the link."""
     options = {key: value for key, value in table.items() if key != "normals"}
     try:
-        crossing_reach(link)
+        crossing_reach(link)  # refuses links that forced detection cannot follow
     except Refused:
         options = {"estimator": "analog"} | options
     return validated(Run, options, "run", run_keys())
 
 
 _SHARED = ("spectrum", "wavelength_nm")
-"""Fields of a water that follow from the keys of its spectrum and from the transmitter."""
+"""Fields of `Water` that are not keys of [water]: its spectrum and [transmitter] give them."""
 
 
 def _water(table: Table, wavelength_nm: float, printed: bool) -> Water:
+    """Return the water of [water] at the wavelength [nm] of the transmitter."""
     kinds = spectrum_keys()
     fields = [key for key in Water.model_fields if key not in _SHARED]
     require_keys(table, [*kinds, "file", *fields], "water")
     spectral, table = split(table, [*kinds, "file"])
     try:
         if spectral.keys() == {"type"}:
+            # beside a and b, or layers, a type gives the phase function alone
             water = Water.from_type(spectral["type"], wavelength_nm, **table)
         else:
             if spectral and ({"a", "b"} <= table.keys() or "layers" in table):
@@ -118,14 +128,14 @@ def _water(table: Table, wavelength_nm: float, printed: bool) -> Water:
     except Refused as error:
         raise error.inside("transmitter" if error.field == "wavelength_nm" else "water") from None
     phase = water.phase
-    # the paper integrates the phase function by a form of its own
+    # the published cumulative phase function has another coefficient, see `FournierForand`
     if printed and isinstance(phase, FournierForand) and "cdf_coef" not in phase.model_fields_set:
         return water.replace("phase.cdf_coef", "paper")
     return water
 
 
 def spectrum_keys() -> dict[str, type[WaterSpectrum]]:
-    """Return the keys of [water] that describe a spectrum, with the kind of spectrum."""
+    """Return the keys of [water] that describe a spectrum, each with its class."""
     members = WaterSpectrum.registered.values()
     return {key: kind for kind in members for key in kind.model_fields if key != "kind"}
 
@@ -137,7 +147,7 @@ def gives_spectrum(key: str) -> bool:
 
 
 def spectrum_of(table: Table) -> WaterSpectrum:
-    """Return the spectrum of keys of [water], or of a file with the values of some keys."""
+    """Return the spectrum that keys of [water] describe, or that of a file with keys replaced."""
     if "file" not in table:
         return spectrum_keys()[next(iter(table))].model_validate(table)
     file, keys = split(table, ["file"])
@@ -147,6 +157,8 @@ def spectrum_of(table: Table) -> WaterSpectrum:
 
 
 def _bubbles(table: Table, shared: Table, printed: bool) -> BubblePopulation | None:
+    """Return the bubbles of [bubbles]; None without any, and in a calm."""
+    # link files name the kind of bubbles by "model"; "kind" is the name of the field
     key = "kind" if "kind" in table else "model"
     kind, table = split(table, [key])
     if kind.get(key) == "none":
@@ -159,6 +171,7 @@ def _bubbles(table: Table, shared: Table, printed: bool) -> BubblePopulation | N
 
 
 def _whitecaps(table: Table, wind_speed: float, printed: bool) -> Whitecaps | None:
+    """Return the whitecaps of [whitecaps]; None without any, and in a calm."""
     table = {"wind_speed": wind_speed, "model": "paper_0255" if printed else "w_0225"} | table
     if absent := table["model"] == "none":
         del table["model"]  # the other keys are still checked
@@ -167,44 +180,44 @@ def _whitecaps(table: Table, wind_speed: float, printed: bool) -> Whitecaps | No
 
 
 def _read_preset(presets: Mapping[str, M], table: Table | None, path: str) -> M | None:
-    """Return the preset that a table names, by default the first, with its fields replaced.
+    """Return the preset that a table names, by default the first, with fields replaced by its keys.
 
-    None without a table.
+    Without a table the result is None.
     """
     if table is None:
         return None
     word, table = split(table, ["preset"])
     name = word.get("preset", next(iter(presets)))
     require_word(name, presets, f"{path}.preset")
-    # one validation of the whole: fields of a preset may only hold together
+    # validated as a whole: values that replace several fields may be allowed only together
     fields = dict(presets[name])
     for key, value in table.items():
         part = fields.get(key)
-        # an inner table replaces single fields of its part, too
+        # a table inside replaces single fields of that part: the others keep the preset's values
         inner: Any = dict(part) if isinstance(part, Model) and isinstance(value, dict) else None
         fields[key] = value if inner is None else inner | value
     return validated(type(presets[name]), fields, path, ["preset"])
 
 
 def read_detector(table: Table | None) -> OokLink | None:
-    """Return the transmission of [detector]: a preset with replaced fields."""
+    """Return the detector of [detector]: a preset with replaced fields."""
     presets = {name: OokLink.preset(name) for name in get_args(Preset)}
     return _read_preset(presets, table, "detector")
 
 
 def read_uav(table: Table | None) -> Uav | None:
-    """Return the airframe of [uav]: a known airframe with replaced fields."""
+    """Return the airframe of [uav]: one of `UAVS` with replaced fields."""
     return _read_preset(UAVS, table, "uav")
 
 
 OF_LINK = {"led": ("power", "wavelength"), "optics": ("radius", "fov_deg", "medium_index")}
-"""Fields of a transmission that `OokLink.of_link` takes from the link."""
+"""Fields of a detector, by part, that `OokLink.of_link` takes from the link."""
 
 
 def detector_of(detector: OokLink, link: Link) -> OokLink:
-    """Return the transmission with the power, wavelength and aperture of a link.
+    """Return the detector with the power, wavelength, aperture and field of view of a link.
 
-    A link with several receivers has no transmission of its own.
+    It is unchanged for a link with several receivers, whose apertures may differ.
     """
     return OokLink.of_link(link, detector) if len(link.receivers) == 1 else detector
 
@@ -220,7 +233,7 @@ def require_of_link(table: Table, detector: OokLink | None) -> None:
 
 
 def detector_config(detector: OokLink | None, link: Link) -> Table | None:
-    """Return [detector] without the keys that follow the link."""
+    """Return the table [detector] without the keys that follow the link."""
     table: Table | None = plain(detector)
     if table and len(link.receivers) == 1:
         for part, names in OF_LINK.items():
@@ -229,10 +242,10 @@ def detector_config(detector: OokLink | None, link: Link) -> Table | None:
 
 
 def water_config(link: Link) -> Table:
-    """Return [water] without the values that follow the type, the layers or the transmitter."""
+    """Return the table [water] without values that follow its spectrum, layers or wavelength."""
     water = link.water
     _, table = split(plain(water), _SHARED)
-    # of layered water a and b are those of the first layer
+    # a and b of layered water are those of the first layer
     following = {"a", "b"} if water.layers else set()
     if water.spectrum and water.wavelength_nm == link.transmitters[0].wavelength_nm:
         following = {"a", "b", "n", "phase", "layers"} - water.model_fields_set
@@ -242,13 +255,13 @@ def water_config(link: Link) -> Table:
 
 
 def physics_config(physics: Physics) -> Any:
-    """Return the preset of the physics by name, or else its fields."""
+    """Return the name of the preset that the physics equals, or else its fields."""
     names = [name for name in ("physical", "paper") if Physics.preset(name) == physics]
     return names[0] if names else physics.model_dump()
 
 
 def bubbles_config(link: Link, wind_speed: float) -> Table:
-    """Return [bubbles] without the keys that follow the wind, the water or the transmitter."""
+    """Return the table [bubbles] without keys that follow the wind, water or transmitter."""
     if link.bubbles is None:
         return {"model": "none"}
     wavelength_nm = link.transmitters[0].wavelength_nm
@@ -258,7 +271,7 @@ def bubbles_config(link: Link, wind_speed: float) -> Table:
 
 
 def whitecaps_config(link: Link, wind_speed: float) -> Any:
-    """Return the word or the table of the whitecaps."""
+    """Return the name of the model of whitecaps, or a table if they have a wind of their own."""
     if link.whitecaps is None:
         return "none"
     table = unshared(link.whitecaps.model_dump(), {"wind_speed": wind_speed})
@@ -266,18 +279,20 @@ def whitecaps_config(link: Link, wind_speed: float) -> Any:
 
 
 _IRRADIANCES = ("direct", "diffuse")
-_LIT = ("model", *_IRRADIANCES, "pattern", "water", "foam_reflectance", "light", *SUN)
+_ANY_MODEL = ("model", *_IRRADIANCES, "pattern", "water", "foam_reflectance", "light", *SUN)
+"""Keys of [daylight] that all models have; each has further ones, `LightModel.keys`."""
 
 
 def read_daylight(table: Table, link: Link) -> Daylight | UnavailableDaylight | None:
-    """Return the light of [daylight] at the wavelength of the transmitter; None for "none".
+    """Return the daylight of [daylight] at the wavelength of the transmitter; None for "none".
 
-    With `direct` and `diffuse` [W m-2 nm-1] no spectral model is evaluated.
+    With `direct` and `diffuse` [W m-2 nm-1] no spectral model is evaluated. A model whose package
+    is not installed is refused only where it is used, see `UnavailableDaylight`.
     """
-    # a table that names no model has a clear sky, and a file without the table no light
+    # a table without a model has a clear sky; `expand_words` gives a file without the table "none"
     model = table.get("model", "clear")
     require_word(model, [*MODELS, "none"], "daylight.model")
-    keys = (*_LIT, *MODELS[model].keys) if model in MODELS else _LIT
+    keys = (*_ANY_MODEL, *MODELS[model].keys) if model in MODELS else _ANY_MODEL
     require_keys(table, keys, "daylight")
     if model == "none":
         return None
@@ -292,16 +307,18 @@ def read_daylight(table: Table, link: Link) -> Daylight | UnavailableDaylight | 
 
 
 def daylight_config(day: Daylight | UnavailableDaylight | None) -> Table | None:
-    """Return the table of a light without its wavelength, which follows the transmitter.
+    """Return the table [daylight] without the wavelength, which follows the transmitter.
 
     Irradiances, pattern and name that follow from the model and its options are left out.
     """
     if day is None or isinstance(day, UnavailableDaylight):
         return None if day is None else day.table
     fields = day.model_dump(mode="json", exclude={"wavelength_nm", "recipe"})
+    # the name of the light tells the model; a light named by the user is taken for "clear"
     names = (name for name, model in MODELS.items() if model.fields["light"] == day.light)
     model = next(names, "clear")
     options = split(fields | day.recipe, _IRRADIANCES)[1]
+    # follows: the model gives these irradiances, so that they can be left out
     try:
         follows = daylight.light_of(model, day.wavelength_nm, options) == day
     except Refused:
@@ -313,13 +330,13 @@ def daylight_config(day: Daylight | UnavailableDaylight | None) -> Table | None:
 
 
 def _defaults(model: str) -> Table:
-    """Return the fields of a light that its model has without options."""
+    """Return the fields of `Daylight` that a model has without options."""
     fields = {name: field.default for name, field in Daylight.model_fields.items()}
     return fields | dict(MODELS[model].fields)
 
 
 def daylight_values(day: Daylight) -> dict[str, float]:
-    """Return the continuous keys of [daylight] and their values, defaults of its model included."""
+    """Return the real-valued keys of [daylight] and their values, model defaults included."""
     table: Any = daylight_config(day)
     model, values = table["model"], {key: getattr(day, key) for key in ("foam_reflectance", *SUN)}
     if table.keys().isdisjoint(_IRRADIANCES):
@@ -329,7 +346,7 @@ def daylight_values(day: Daylight) -> dict[str, float]:
 
 
 def daylight_with(day: Daylight, key: str, value: Any) -> Daylight:
-    """Return a light with another value of a key of [daylight]; irradiances follow their model.
+    """Return a daylight with another value of a key of [daylight]; irradiances follow their model.
 
     Raises
     ------
@@ -339,14 +356,14 @@ def daylight_with(day: Daylight, key: str, value: Any) -> Daylight:
     """
     table: Any = daylight_config(day)
     model = table.pop("model")
-    require_keys({key: value}, ["wavelength_nm", *_LIT, *MODELS[model].keys])
+    require_keys({key: value}, ["wavelength_nm", *_ANY_MODEL, *MODELS[model].keys])
     if key == "wavelength_nm" and value != day.wavelength_nm:
-        daylight_recipe(day)
+        daylight_recipe(day)  # refuses irradiances that no model gives
     return daylight.light_of(model, day.wavelength_nm, table | {key: value})
 
 
 def changes_irradiance(key: str) -> bool:
-    """Return whether direct and diffuse follow the value at a dotted key of a link file."""
+    """Return whether the irradiances of [daylight] depend on a dotted key of a link file."""
     table, _, name = key.partition(".")
     options = [key for model in MODELS.values() for key in model.keys]
     of_daylight = table == "daylight" and name in ("model", *SUN, *options)
@@ -354,7 +371,7 @@ def changes_irradiance(key: str) -> bool:
 
 
 def daylight_recipe(day: Daylight) -> Table:
-    """Return the table of a light without its irradiances, which follow from the model.
+    """Return the table [daylight] without irradiances, which follow from the model.
 
     Raises
     ------
@@ -365,5 +382,5 @@ def daylight_recipe(day: Daylight) -> Table:
     if not table.keys().isdisjoint(_IRRADIANCES):
         irradiances = Described("irradiances other than those of a model")
         raise Refused("daylight", irradiances, "a link file or its plain data, with the model")
-    # what the model has without options would fix a value that may follow a sweep
+    # without the model's defaults, which would fix values that may follow the parameters of a sweep
     return unshared(table, _defaults(table["model"]))

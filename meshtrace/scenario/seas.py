@@ -1,6 +1,6 @@
-"""The sea of a scenario: table [sea] to a surface model or a `MeshFile`, and limits on its size.
+"""The sea of a scenario: the table [sea] read as a surface model or a `MeshFile`, and written back.
 
-Here the core meets `meshtrace.surfaces`, by late imports.
+`meshtrace.surfaces` is imported only inside the functions that need it.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from meshtrace.models import Family, Model
 from meshtrace.scenario.files import Table, as_table, split, unshared, validated
 from meshtrace.scenario.parts import follows_wind, in_wind
 
+# keys of [sea] beside those of the sea's model, for errors that list the allowed ones
 _SEA_KEYS: tuple[str, ...] = ("spectrum", "mesh", "meshes", "time", "extent", "spacing")
 
 
@@ -60,7 +61,7 @@ class MeshFile(Model, frozen=True):
         try:
             return from_trimesh(self.file, extent=extent, overhangs=True)
         except Refused as error:
-            if error.field == self.file:  # of the reader
+            if error.field == self.file:  # the file itself is refused, not what is in it
                 problem = Described(f"{self.file!r}: {error.value}")
                 raise Refused("sea.mesh", problem, error.allowed) from None
             raise error.in_file(self.file).inside("sea", "mesh") from None
@@ -72,17 +73,19 @@ class MeshFile(Model, frozen=True):
 def sampling_keys(sea: Table) -> list[str]:
     """Return the keys of [sea] that are fields of `Meshing`."""
     keys, waves = ["extent", "spacing"], sea.get("waves")
-    # a date belongs to the reader of a record, seconds to any sea that moves
+    # `time` is a number of seconds for any sea that moves; a text is the date of a spectrum in a
+    # record, an option of its reader
     if not isinstance(sea.get("time"), str) or not _is_record(sea):
         keys.append("time")
-    # other names of waves choose those that the sea holds
+    # "fading", a number, or anything beside [[sea.part]] is for the mesh; other names are a field
+    # of the sea
     if waves == "fading" or is_number(waves) or "part" in sea:
         keys.append("waves")
     return [key for key in keys if key in sea]
 
 
 def _is_record(sea: Table) -> bool:
-    """Return whether [sea] is the spectrum or the gauges of a file."""
+    """Return whether [sea] names a file with a measured spectrum or records of wave gauges."""
     kind = sea.get("spectrum")
     return kind == "gauge" or (kind == "measured" and "file" in sea)
 
@@ -90,9 +93,10 @@ def _is_record(sea: Table) -> bool:
 def read_surface(
     sea: Table, sampling: Iterable[str], wind_speed: float, folder: Path, printed: bool
 ) -> Any:
-    """Return the surface of [sea] without its `sampling` keys.
+    """Return the surface that [sea] describes without its keys `sampling`, which are for the mesh.
 
-    `printed` has the equally spaced waves of the paper unless the table names others.
+    With `printed`, a sea of a spectrum has the equally spaced waves of the paper unless the table
+    names others. Paths of meshes are relative to `folder`.
     """
     if "mesh" in sea:
         return _mesh_file(sea, folder)
@@ -106,20 +110,23 @@ def read_surface(
     from meshtrace.surfaces import FlatSea, Surface
     from meshtrace.surfaces.bands import paper_waves
 
+    # the word of a sea, or of a spectrum; a table under "spectrum" describes a spectrum
     word = table.pop("spectrum", table.pop("kind", "jonswap"))
     if isinstance(word, Mapping) or not issubclass(model := _named(word), Surface):
         surface, calm = _spectral(word, table, wind_speed)
     else:
         surface, calm = in_wind(model, table, {"wind_speed": wind_speed}, _SEA_KEYS)
+    # "": surfaces without a field `waves` have no waves to choose
     if printed and getattr(surface, "waves", "") is None:
         surface = surface.replace(waves=paper_waves(surface.spectrum))
     return FlatSea() if calm else surface
 
 
 def _spectral(word: Any, table: Table, wind_speed: float) -> tuple[Any, bool]:
-    """Return the sea of a spectrum, and whether it is calm.
+    """Return the sea of a spectrum, and whether its wind speed is 0.
 
-    The spectrum is a table of its own, or a word whose parameters stand beside those of the sea.
+    `word` is a table of the spectrum's kind and parameters, or its kind alone: then the parameters
+    are among the keys of `table`, beside those of the sea.
     """
     from meshtrace.surfaces import SpectralSea, Spectrum
 
@@ -138,17 +145,18 @@ def _spectral(word: Any, table: Table, wind_speed: float) -> tuple[Any, bool]:
 
 
 def _measured(table: Table, wind_speed: float) -> Any:
-    """Return the sea of a spectrum or of gauges in a file, with the options of its reader."""
+    """Return the sea of a measured spectrum or of gauges in a file; other keys are the reader's."""
     from meshtrace.surfaces import from_gauge, from_wavespectra, gauge_spectrum
 
     gauge = table["spectrum"] == "gauge"
+    # `from_gauge` passes its options on to `gauge_spectrum`: both name the allowed keys
     readers: list[Any] = [from_gauge, gauge_spectrum] if gauge else [from_wavespectra]
     source, options = split(table, ["spectrum", "file"])
     if not isinstance(source.get("file"), str):
         raise Refused("file", source.get("file", MISSING), "a path")
-    known = dict.fromkeys(key for f in readers for key in inspect.signature(f).parameters)
-    require_keys(options, [*(k for k in known if k not in ("source", "gauge")), "file", *_SEA_KEYS])
-    # what the instrument leaves open, short waves and directions, follows the wind
+    names = dict.fromkeys(key for f in readers for key in inspect.signature(f).parameters)
+    require_keys(options, [*(k for k in names if k not in ("source", "gauge")), "file", *_SEA_KEYS])
+    # what instruments do not measure, short waves and directions, follows the wind of the file
     if {"tail", "mss", "spreading"} & options.keys():
         options.setdefault("wind_speed", wind_speed)
     return readers[0](source["file"], **options)
@@ -162,7 +170,7 @@ def _sum(table: Table, wind_speed: float, folder: Path, printed: bool) -> Any:
     if not isinstance(parts, list) or not parts:
         raise Refused("part", parts, "tables [[sea.part]]")
     seas = []
-    # time and mesh are those of the whole sea: a part has no keys of `Meshing`
+    # time and mesh belong to the whole sea: a part has no keys of `Meshing`, hence `sampling` ()
     for i, part in enumerate(parts):
         with within("part", i):
             seas.append(read_surface(as_table(part, ""), (), wind_speed, folder, printed))
@@ -170,7 +178,7 @@ def _sum(table: Table, wind_speed: float, folder: Path, printed: bool) -> Any:
 
 
 def _named(word: Any) -> type[Family]:
-    """Return the class of a sea, or else of a spectrum, that a word names."""
+    """Return the class of surface that a word names, or else the class of spectrum."""
     from meshtrace.surfaces import Spectrum, Surface
 
     for family in (Surface, Spectrum):
@@ -178,18 +186,18 @@ def _named(word: Any) -> type[Family]:
             return family.member(word)
         except Refused as error:
             refused = error
-    # an import path says what it means: no list of words would help
+    # for an import path the error tells what is wrong with it, not the list of words
     if isinstance(word, str) and ":" in word:
         raise Refused("spectrum", word, refused.allowed, refused.hint)
-    # "spectral" is the class behind all words of spectra
+    # "spectral" is not a word of link files: those of spectra stand for it
     seas = (kind for kind in Surface.registered if kind != "spectral")
-    # "gauge" is a word of files alone
+    # "gauge" is neither: `_measured` reads it
     words = list(dict.fromkeys([*seas, "gauge", *Spectrum.registered]))
     raise Refused("spectrum", word, ", ".join(words), did_you_mean(word, words))
 
 
 def _mesh_file(sea: Table, folder: Path) -> MeshFile:
-    """Return the mesh that [sea] names, relative to the link file."""
+    """Return the mesh file that [sea] names, relative to the folder of the link file."""
     for key, value in sea.items():
         if key not in ("mesh", "extent"):
             raise Refused(key, value, "beside mesh only extent")
@@ -200,7 +208,7 @@ def _mesh_file(sea: Table, folder: Path) -> MeshFile:
 
 
 def _mesh_sequence(table: Table, folder: Path) -> Any:
-    """Return the meshes in time of a folder or a pattern, relative to the link file."""
+    """Return the sequence of meshes that [sea] names, relative to the folder of the link file."""
     from meshtrace.surfaces import MeshSequence
 
     source = table["meshes"]
@@ -220,7 +228,7 @@ def _mesh_sequence(table: Table, folder: Path) -> Any:
 
 
 def surface_from_provenance(provenance: Mapping[str, Any]) -> MeshSource | MeshFile:
-    """Return the surface of a result."""
+    """Return the surface of a result from its provenance."""
     from meshtrace.surfaces import sea_from_config
 
     if "mesh_file" in provenance:
@@ -233,7 +241,10 @@ def surface_from_provenance(provenance: Mapping[str, Any]) -> MeshSource | MeshF
 
 
 def wind_of(link: Link, surface: Any) -> float:
-    """Return the wind speed of the first part that has one, 0 for a calm sea."""
+    """Return the wind speed of a sea [m s-1], of a sum the highest.
+
+    A surface without a spectrum has that of the bubbles or whitecaps of the link, or else 0.
+    """
     if parts := getattr(surface, "parts", ()):
         return max(wind_of(link, part) for part in parts)
     spectrum = getattr(surface, "spectrum", None)
@@ -241,7 +252,7 @@ def wind_of(link: Link, surface: Any) -> float:
 
 
 def surface_config(surface: MeshSource | MeshFile, wind_speed: float) -> Table:
-    """Return [sea] of a surface, without the wind speed that it shares."""
+    """Return the table [sea] of a surface, without the wind speed if it is that of the file."""
     if isinstance(surface, MeshFile):
         return {"mesh": surface.file}
     from meshtrace.surfaces import SumSea
@@ -257,11 +268,11 @@ def surface_config(surface: MeshSource | MeshFile, wind_speed: float) -> Table:
     if kind == "spectral":
         config["spectrum"] = unshared(config["spectrum"], shared)
         return config
-    # the wind of the file's other tables need not be written twice
+    # a model that follows the wind of the file is written without it; a measured one keeps its own
     model: Any = type(surface)
     return {"spectrum": kind} | (unshared(config, shared) if follows_wind(model) else config)
 
 
 def may_overhang(surface: MeshSource | MeshFile) -> bool:
-    """Return whether the meshes of a surface may overhang."""
+    """Return whether meshes of a surface may overhang, so that heights z(x, y) are not unique."""
     return not (isinstance(surface, SurfaceModel) and getattr(surface, "single_valued", True))

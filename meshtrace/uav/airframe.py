@@ -157,7 +157,7 @@ class Uav(Model, frozen=True):
         return GammaTiltLaw(self.tilt_coefficient, mean**2 / variance, variance / mean)
 
     def tilt_factors(self, wind: Dryden, fov: float) -> TiltFactors:
-        """Return the law of the factor h_alpha in a wind; of a constant tilt a single value.
+        """Return the law of the factor h_alpha in a wind; a single value for a constant tilt.
 
         Parameters
         ----------

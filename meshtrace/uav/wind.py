@@ -119,7 +119,7 @@ class Dryden(Model, frozen=True):
 
     @classmethod
     def preset(cls, physics: WindPreset, **fields: Any) -> Dryden:
-        """Return gusts in the right form (`"physical"`) or as published (`"paper"`).
+        """Return gusts in the correct form (`"physical"`) or as published (`"paper"`).
 
         Parameters
         ----------

@@ -170,7 +170,7 @@ class Need:
             self._table = PchipInterpolator(nodes, np.log(np.array(powers)[finite]))
 
     def __call__(self, rate: Any) -> Floats:
-        """Return the required power of background counts [W]; infinite beyond the table."""
+        """Return the required power [W] at background count rates [s-1], inf beyond the table."""
         rate = np.asarray(rate, dtype=float)
         if self._most < 0.0:
             return np.full(rate.shape, np.inf)
@@ -237,7 +237,7 @@ class LinkModel:
 
     @property
     def view_is_a_cut(self) -> bool:
-        """Whether the arrivals of a wide field of view contain those of each narrower one."""
+        """True if the arrivals in a wide field of view include those in any narrower one."""
         return self.link.physics.fov == "angle" and len(self.link.transmitters) == 1
 
     def colours(self, links: list[Link], index: int) -> tuple[Floats, Floats]:
@@ -252,7 +252,7 @@ class LinkModel:
 
     @cached_property
     def spreads(self) -> bool:
-        """Whether pulse spreading matters in the widest field of view."""
+        """True if pulse spreading matters in the widest field of view."""
         if not (self._response_is_computed and self.view_is_a_cut):
             return False
         wide = self.response(self.link.replace(VIEW, 120.0))
@@ -289,17 +289,17 @@ class LinkModel:
 
     @cache  # noqa: B019 - one study
     def quantile(self, fov_deg: float) -> float:
-        """Return ln q of the given link if its field of view were `fov_deg`."""
+        """Return ln q of the given link with the field of view `fov_deg`."""
         return log_quantile(self.fades.series.gain, self._tilt(fov_deg), self.outage)
 
     @cached_property
     def quantile_stderr(self) -> float:
-        """Standard error of ln q: of the seas, of their law and of the common chains."""
+        """Standard error of ln q due to the seas, their law and the common chains."""
         fades = self.fades
         return self._quantile_error(fades.series.gain, fades.tilt, fades.chain_error)
 
     def _quantile_error(self, gains: Floats, tilt: TiltFactors, chain_error: float) -> float:
-        """Return the error of ln q: a jackknife over the seas, half the way to a lognormal law."""
+        """Return the error of ln q due to the number of seas, the law of gains and the chains."""
         n = len(gains)
         if n < 3:
             return chain_error
@@ -370,7 +370,7 @@ class LinkModel:
         return float(self.need(period)(brightness * self.background_by(period).count_rate(ook)))
 
     def _behind(self, radius: float, fov_deg: float, width: float) -> OokLink:
-        """Return the transmission in the dark behind other optics."""
+        """Return the receiver in the dark behind other optics."""
         optics = self.dark.optics.replace(radius=radius, fov_deg=fov_deg, filter_width_nm=width)
         ook = self.dark.replace(optics=optics)
         if ook.response is not None and ook.response.angle_deg:
@@ -545,7 +545,7 @@ class LinkModel:
 
 
 def _error_db(log_error: float, background: Background) -> float:
-    """Combine the errors of gain and background into that of a reserve [dB]."""
+    """Return the standard error of a reserve [dB] from the errors of gain and background."""
     # the need grows as the root of the background, at most
     spread = 0.5 * background.radiance_stderr / max(background.radiance, 1e-300)
     return DECIBELS * math.hypot(log_error, spread)

@@ -249,7 +249,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
         return f"{text} short; with {more} they would close it."
 
     def _alone(self, period: Period) -> str:
-        """Return the changes of one key that close a link that does not."""
+        """Describe changes of a single key that would close a link that does not close."""
         if self.closes(period):
             return ""
         reaches = [reach for reach in self.reach if reach.light == period]

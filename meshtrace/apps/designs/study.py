@@ -322,7 +322,7 @@ class _Study(LinkModel):
         self, period: Period, key: str, values: Floats, reserves: Floats, errors: Floats,
         merit: Floats | None = None,
     ) -> Scan:  # fmt: skip
-        """Return a scan with its best value, that of highest reserve or of a given merit [dB]."""
+        """Return a scan with its best value: highest reserve or, if given, highest `merit`."""
         present = self._present(key)
         permitted, notes = np.ones(len(values), bool), []
         score, at_present = reserves, self.reserve(period)
@@ -486,7 +486,7 @@ def _nodes(key: str) -> NDArray[np.intp]:
 
 
 def _around(allowed: NDArray[np.bool_], i: int) -> tuple[int, int]:
-    """Return first and last index of the run of true values about i, which is one of them."""
+    """Return the first and the last index of the run of true values that contains i."""
     others = np.flatnonzero(~allowed)
     low = others[others < i].max(initial=-1) + 1
     return int(low), int(others[others > i].min(initial=len(allowed)) - 1)

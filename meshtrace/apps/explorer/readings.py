@@ -180,7 +180,7 @@ def differences(before: State, now: State) -> list[str]:
 
 
 def map_note(session: Session) -> str:
-    """Return the reason for the lack of a map, or nothing."""
+    """Return the reason why there is no map, or an empty text."""
     coverage = session.answer("map")
     return str(coverage) if isinstance(coverage, Failed) and session.fresh("map") else ""
 

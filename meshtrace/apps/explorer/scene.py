@@ -213,7 +213,7 @@ class LiveScene:
         return stage
 
     def _mesh(self, time: float) -> TriangleMesh:
-        """Return the surface at a time, that made before if it is the same."""
+        """Return the mesh of the surface at a time, the previous one if nothing has changed."""
         if not isinstance(self._surface, MeshSource):
             return self._surface
         stage = self.stage

@@ -141,7 +141,7 @@ async def serve(explorer: Explorer, open_browser: bool) -> None:
 
 
 class _OneLine(logging.Formatter):
-    """One line of a message and the exception behind it."""
+    """Format a message and its exception as one line."""
 
     def format(self, record: logging.LogRecord) -> str:
         error = record.exc_info[1] if record.exc_info else None

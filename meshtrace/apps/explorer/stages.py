@@ -269,7 +269,7 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
 
 
 def _series(times: Floats, gain: Floats) -> Fading:
-    """Return the series without the gains of large error, which are nan."""
+    """Return the series without gains of large error, which are marked by nan."""
     precise = np.isfinite(gain)
     return Fading(times[precise], gain[precise], int((~precise).sum()))
 
@@ -403,7 +403,7 @@ class Worker:
         self._pool.shutdown()
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until no job waits or runs, and return whether that is so."""
+        """Wait until no job is pending or running; return False if the timeout comes first."""
         return not futures.wait([self._newest], timeout).not_done
 
     def _run(self, job: Callable[[Ticket], None], ticket: Ticket) -> None:

@@ -56,7 +56,7 @@ def scintillation(depth: float, wind_speed: float, collector: float, fetch: floa
 def tank_scintillation(
     wavelength: float, slope: float, depth: float, lamp_deg: float, collector: float
 ) -> float:
-    """Return the scintillation index below waves of a tank of an rms slope.
+    """Return the scintillation index below tank waves of a given rms slope.
 
     They have a JONSWAP spectrum about a wavelength [m].
     """

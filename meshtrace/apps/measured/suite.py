@@ -226,7 +226,7 @@ _Words = Annotated[tuple[str, ...], Variable("row")]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MeasuredTable(Stored, kind="measured", title="meshtrace measured against computed"):
-    """Measured beside computed values.
+    """Table of measured and computed values.
 
     Attributes
     ----------
@@ -291,7 +291,7 @@ class MeasuredTable(Stored, kind="measured", title="meshtrace measured against c
         return f"{text_table(self.rows(), HEADINGS)}\n\n{self._headline()}"
 
     def save(self, path: str | Path) -> None:
-        """Write the table as netCDF, or as CSV for a name that ends so."""
+        """Write the table as netCDF, or as CSV if the name ends in .csv."""
         if str(path).lower().endswith(".csv"):
             self.to_dataset().to_dataframe().to_csv(path)
         else:

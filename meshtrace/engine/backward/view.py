@@ -131,7 +131,7 @@ def view_of(link: Link, points: int, seed: int) -> View:
 
 
 def cone(axis: Floats, sin2: Floats, u_phi: Floats) -> Floats:
-    """Return directions (n, 3) about an axis: squared sines sin2 (n,), azimuths 2 pi u_phi (n,)."""
+    """Return directions (n, 3) about an axis, squared sines (n,) and azimuths 2 pi u_phi (n,)."""
     s, phi = np.sqrt(sin2), 2.0 * math.pi * u_phi
     e1, e2 = _across(axis)
     out = np.outer(s * np.cos(phi), e1) + np.outer(s * np.sin(phi), e2)
@@ -139,7 +139,7 @@ def cone(axis: Floats, sin2: Floats, u_phi: Floats) -> Floats:
 
 
 def _across(axis: Floats) -> tuple[Floats, Floats]:
-    """Return two unit vectors across an axis and each other."""
+    """Return two unit vectors perpendicular to an axis and to each other."""
     # the coordinate axis that is least parallel to `axis`: the cross product keeps its digits
     aside = np.eye(3)[int(np.argmin(np.abs(axis)))]
     e1 = np.cross(axis, aside)
@@ -148,7 +148,7 @@ def _across(axis: Floats) -> tuple[Floats, Floats]:
 
 
 def only_aperture(link: Link) -> Aperture:
-    """Return the aperture of a link that has one, or refuse."""
+    """Return the only aperture of a link; refuse a link with none or several."""
     if len(link.receivers) != 1:
         raise Refused("receiver", Described(f"{len(link.receivers)} apertures"), "one aperture")
     return link.receivers[0]

@@ -205,7 +205,7 @@ class AimedChains:
         )
 
     def scene(self, emitter: Emitter, target: Target) -> Scene:
-        """Return one source, the surface and one aperture as the kernels take them."""
+        """Return the `Scene` of one source, the surface and one aperture, for kernels."""
         facets, medium, interface = self.facets, self.medium, self.link.interface
         return Scene(
             emitter, target, self.surface, self.locator, facets, medium, interface,
@@ -343,7 +343,7 @@ class AimedChains:
         return sums
 
     def straight_tints(self, start: Emitter, ends: Floats, tints: Tints | None) -> Floats:
-        """Return the log weights (ways, tints) of straight ways from a source to ends (ways, 3)."""
+        """Return the log weights (n, tints) of straight paths from a source to ends (n, 3)."""
         sums = np.zeros((len(ends), len(tints.c) if tints else 0))
         if tints:
             tint_straight(start.position, ends, self.clear, tints, sums)
@@ -399,7 +399,7 @@ class AimedChains:
         return gain
 
     def relative_error(self, source: int, receiver: int) -> float:
-        """Return the relative error of the last unscattered light of a pair by its quadrature.
+        """Return the relative quadrature error of the last unscattered light of a pair.
 
         Over smooth surfaces it is the change by parts of another length on a sample of facets; over
         random slopes, where the view ends within the aperture, by a coarser quadrature.
@@ -434,12 +434,12 @@ class AimedChains:
         return self._last.get((source, receiver), _DARK).lenses
 
     def is_cut_short(self, source: int, receiver: int) -> bool:
-        """Return whether facets of the last unscattered light were left uncut, to end in time."""
+        """Return whether the last unscattered light left facets uncut, to limit its time."""
         return self._last.get((source, receiver), _DARK).cut_short > 0.0
 
     @cached_property
     def _blocks(self) -> microfacets.Blocks:
-        """The facets in blocks of about `_IN_BLOCK`, in one for few pairs of ends."""
+        """The facets in blocks of about `_IN_BLOCK`, or in one block for few pairs of ends."""
         n = len(self.facets)
         if len(self.link.emitters) * len(self.link.targets) <= _FEW_PAIRS:
             return _one_block(np.arange(n))
@@ -468,10 +468,12 @@ class AimedChains:
 
     def blur(self, scene: Scene) -> float:
         """Return the width of the light of one facet on the aperture, one standard deviation."""
-        # a slope s turns steep light by (n - 1) s, the smaller of the widths along and across wind
+        # a slope s turns steep light by (n - 1) s, reflected light by 2 s; the smaller of the widths
+        # along and across wind
         n = scene.medium.n_water / scene.medium.n_air
-        height = max(scene.target.center.z - float(scene.surface.high[2]), 1e-6)
-        return float(abs(n - 1.0) * height * min(self.surface.roughness[:2]))
+        turn = 2.0 if scene.reflects else abs(n - 1.0)
+        height = abs(scene.target.center.z) - self._waves
+        return float(turn * max(height, 1e-6) * min(self.surface.roughness[:2]))
 
     def take_points(self, source: int, receiver: int) -> None:
         """Take one point for an aperture over which blurred light does not change.
@@ -493,6 +495,10 @@ class AimedChains:
         3 tan t (n / d) cos^3 i / cos t.
         """
         n, target, source = scene.medium.n_water / scene.medium.n_air, scene.target, scene.emitter
+        if scene.reflects:
+            # the kernel bounds the image in a mirror where it knows the direction of the light;
+            # a plane mirror maps triangles to triangles
+            return 0.0, 0.0, 0.0
         height = target.center[2] + self._waves
         # bounds hold from the deepest trough to the highest crest
         depth = max(-source.position[2] - self._waves, 0.1)
@@ -555,7 +561,7 @@ def _one_block(facets: NDArray[np.int64]) -> microfacets.Blocks:
 
 
 def _disk_nodes(blur: float) -> Nodes:
-    """Return the rings, and the nodes of each, for 1e-3 of the light of a Gaussian spot.
+    """Return the number of rings, and of nodes on each, that integrate a Gaussian spot to 1e-3.
 
     `blur` is the radius of the aperture over the standard deviation of the spot, which may lie
     anywhere on the disk. None where nodes about the light of each part are fewer.
@@ -602,7 +608,7 @@ def gauss_rules(most: int) -> Floats:
 
 
 def on_disk(center: Vec3, end: Emitter | Target, disk: Floats) -> Floats:
-    """Return the points (n, 3) of an emitter or target that belong to points of the unit disk."""
+    """Map points (n, 2) of the unit disk to points (n, 3) on the disk of an emitter or target."""
     return np.asarray(center) + end.radius * disk @ np.array([end.e1, end.e2])
 
 

@@ -560,18 +560,18 @@ def _is_clear(chains, i, path, scene):
 
 
 class Colours(NamedTuple):
-    """Functions whose mixtures are the wavelengths, and factors on the last straight way."""
+    """Tints, their mixtures for the wavelengths, and the factors on a straight path."""
 
     tints: Tints | None  # None: one wavelength
     mixture: Mixture
     clear: Medium  # water with b = 0: its `scattering_path` is that of the bubbles alone
-    log_weights: NDArray[np.float64]  # (tints,) scratch: logarithms along the way
-    factors: Factors  # of the wavelengths, on the weight of the last way
+    log_weights: NDArray[np.float64]  # (tints,) scratch: logarithms along the path
+    factors: Factors  # of the wavelengths, on the weight of the last path
 
 
 @outlined
 def straight_factors(p, q, colours):
-    """Write the factors of all wavelengths on light along a straight way from p to q.
+    """Write the factors of all wavelengths on light along a straight path from p to q.
 
     Array twin: see `tint_chains`.
     """
@@ -623,7 +623,7 @@ def tint_chains(chains, arrivals, emitter, clear, tints, out):
 
 @entry
 def tint_straight(start, ends, clear, tints, out):
-    """Write the log weights (ways, tints) of straight ways from a point to ends (ways, 3).
+    """Write the log weights (paths, tints) of straight paths from a point to ends (paths, 3).
 
     Array twin: see `tint_chains`.
     """

@@ -244,7 +244,7 @@ class Rule(NamedTuple):
 
 
 class Work(IntEnum):
-    """Places in the array of what `blurred_gain` did."""
+    """Indices into the array in which `blurred_gain` counts its work."""
 
     LEFT = 0  # nodes that may still be evaluated
     LENSES = 1  # parts that are integrated with Gauss nodes between rims, see `_lens_light`
@@ -333,8 +333,8 @@ def _turn_within(p, h, scene):
     wide = h + scene.target.radius
     if h >= length or wide >= flight:
         return False, big, 0.0
-    n_water, n_air = scene.medium.n_water, scene.medium.n_air
-    return True, big, n_water * h / (length - h) + n_air * wide / (flight - wide)
+    n_before, n_behind = _indices(scene)
+    return True, big, n_before * h / (length - h) + n_behind * wide / (flight - wide)
 
 
 @inlined
@@ -476,7 +476,7 @@ def _parts_along(part, rule, scene):
     # needs:
     # ds = n dr / N_z, dr = radius / flight, in the smaller standard deviation.
     big, _, flight = _normal_from_source(p, Vec2(0.0, 0.0), scene)
-    rough, n = scene.surface.roughness, max(scene.medium.n_water, scene.medium.n_air)
+    rough, n = scene.surface.roughness, max(*_indices(scene))
     narrow = min(rough.along, rough.across)
     rim = 2.0 * n * scene.target.radius / (flight * max(big.z, 1e-9) * narrow)
     beyond = least - from_center * (change + rim)
@@ -742,8 +742,10 @@ def _spot(pencil, ahead, high, scene):
     """
     rough = scene.surface.roughness
     n = scene.medium.n_water / scene.medium.n_air
-    # Vertical light turns by (n - 1) times a slope: the width where there is no gradient.
-    narrow = abs(n - 1.0) * high * min(rough.along, rough.across)
+    # Vertical light turns by (n - 1) times a slope, and by twice the slope in a mirror: the width
+    # where there is no gradient.
+    turn = 2.0 if scene.reflects else abs(n - 1.0)
+    narrow = turn * high * min(rough.along, rough.across)
     unknown = Spot(0.0, 0.0, math.inf, math.inf, narrow, narrow)
     middle, normal, w = pencil.middle, pencil.normal, pencil.w
     m = crossing.land_from(middle, normal, w, w, pencil.length, scene)
@@ -782,9 +784,8 @@ def _passed(s, pencil, scene):
     share = exposure(pencil.w, pencil.normal, s.tilt)
     share *= crossing.transmittance(s.aim, scene)
     # water before the surface dims a pencil as a whole, see `_part_gain`
-    if scene.mirrored and share > 0.0:
-        source = scene.emitter.position
-        share *= math.exp(-unscattered.straight_depth(pencil.middle, s.aim, source, scene))
+    if scene.mirrored != scene.reflects and share > 0.0:
+        share *= math.exp(-unscattered.depth_behind(pencil.middle, s.aim, scene))
     return share
 
 

@@ -103,7 +103,7 @@ class Request(NamedTuple):
 
     @property
     def number(self) -> int:
-        """Number of the chains."""
+        """Number of chains."""
         return SHIFTS * self.per_shift
 
     def spans(self) -> list[slice]:
@@ -127,7 +127,7 @@ class Block(NamedTuple):
 
     @property
     def shifts_in(self) -> slice:
-        """Shifts of which it holds chains."""
+        """Shifts whose chains this block holds."""
         n = self.request.per_shift
         return slice(self.span.start // n, -(-self.span.stop // n))
 
@@ -307,9 +307,9 @@ class ChainDrawer:
             flat_crossings(drawn.chains, *self._still_water(source, receiver), out)
 
     def place_points(self, chains: Chains) -> None:
-        """Leave the points that chains aim at in the unit disk of an aperture.
+        """Place the points that chains aim at: by default they stay in the unit disk.
 
-        Maps, whose apertures are square cells, place them otherwise.
+        Samplers for maps, whose apertures are square cells, override this.
         """
 
     def _search(self, source: int, chains: Chains, receiver: int) -> NDArray[np.void]:
@@ -419,9 +419,9 @@ _cached_points = lru_cache(maxsize=64)(shifted_points)
 
 
 def shifted(points: Floats, shifts: Floats) -> Floats:
-    """Return points (n, width), shifted: all by the first of the shifts (m, 1, width), and so on.
+    """Return points (n, width) shifted modulo 1, by each of the shifts (m, 1, width) in turn.
 
-    Shape (m n, width), inside of the unit cube.
+    The result has the shape (m n, width) and lies inside the unit cube.
     """
     # Cranley and Patterson (1976): a random shift modulo 1 makes each point uniform, so that means
     # are unbiased, and leaves the net as even as it was.

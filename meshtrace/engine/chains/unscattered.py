@@ -46,6 +46,7 @@ _FINEST = 1.0 / 64.0  # least edge for a narrow view, over the longest of _EDGE:
 _STRAIGHT = 0.1  # relative change of the stretch of an image along the longest edge of a part
 _GRAZING = 0.1  # cosine of the edge of views that accept light along the surface
 _FLATTEST = 1e-4  # least cosine of light through such a view: bounds its stretch, else infinite
+_MIRROR_SHARE = 0.25  # size of parts in whose image the bounds hold, over the nearer end's distance
 _ROUNDING = 1e-13  # share of the disk's squared radius: smaller overlaps are none
 STACK = 128
 """Parts of a large facet that wait to be cut: three more at each of 40 halvings."""
@@ -232,24 +233,37 @@ def straight_depth(p, m, source, scene):
     In a mirrored scene the water lies behind the crossing, at the heights -z. Light that is
     reflected stays in the air there, and else in the water.
     """
+    tau = depth_behind(p, m, scene)
+    return tau if scene.mirrored else tau + depth_between(scene.medium, source, p, m.length)
+
+
+@inlined
+def depth_behind(p, m, scene):
+    """Return the optical depth of the way from the surface to the aperture, 0 in the air.
+
+    Array twin: see `straight_depth`.
+    """
+    # on the way on, light is in the water if it came from the air, or else was reflected
+    if scene.mirrored == scene.reflects:
+        return 0.0
+    end = along(p, m.r, m.flight)
     if scene.reflects:
-        if scene.mirrored:
-            return 0.0
-        before = depth_between(scene.medium, source, p, m.length)
-        return before + depth_between(scene.medium, p, along(p, m.r, m.flight), m.flight)
-    if scene.mirrored:
-        q, end = Vec3(p.x, p.y, -p.z), along(p, m.r, m.flight)
-        return depth_between(scene.medium, q, Vec3(end.x, end.y, -end.z), m.flight)
-    return depth_between(scene.medium, source, p, m.length)
+        return depth_between(scene.medium, p, end, m.flight)
+    return depth_between(scene.medium, Vec3(p.x, p.y, -p.z), Vec3(end.x, end.y, -end.z), m.flight)
 
 
 @inlined
 def _flat_stretch(m, scene):
     """Return the stretch of the image of a flat sea at a crossing, 1 + (n h / d) (cos i / cos t)^3.
 
+    Of a mirror it is 1 + h / d along the light, and more on an aperture that it meets aslant.
+
     Array twin: finite differences of the landing point in the tests of light along the surface.
     A narrow view accepts no flatter light than its edge.
     """
+    if scene.reflects:
+        # the image of a plane mirror on a plane across the light, which meets the aperture aslant
+        return (1.0 + m.flight / max(m.length, 1e-9)) / max(dot(m.r, scene.target.axis), _FLATTEST)
     edge = math.sqrt(max(1.0 - scene.target.sin_widest**2, 0.0))
     cos_t = max(m.r.z, edge if edge > _GRAZING else _FLATTEST)
     n = scene.medium.n_water / scene.medium.n_air
@@ -296,7 +310,7 @@ def part_sizes(share, bend, scene):
     depth = -scene.emitter.position.z
     # 5 mm at least, far below the waves of a mesh; 0.1 m at most, as they bend over that length
     edge = min(max(_EDGE * depth, 0.005), 0.1)
-    height = scene.target.center.z - scene.surface.high[2]
+    height = mirror_distance(scene)
     view = VIEW_SHARE * view_radius(height, scene.target, scene.interface.fov)
     # Where light leaves along the surface, only the image of a small part is a triangle, and only
     # over a small part the limit of total reflection is a straight line.
@@ -304,13 +318,26 @@ def part_sizes(share, bend, scene):
     fine = min(edge, share * beam_width(scene.emitter) * depth, max(view, _FINEST * edge), straight)
     # The bound on the image is of first order; larger parts are cut without it. 5 and 20 are tuned:
     # light that is missed against time.
-    # Light into the denser side is nowhere stretched more than at normal incidence.
+    # Light into the denser side is nowhere stretched more than at normal incidence; the image in a
+    # mirror changes on the scale of the distances of both ends.
+    if scene.reflects:
+        return fine, _MIRROR_SHARE * min(depth, height)
     return fine, math.inf if scene.mirrored else min(5.0 * edge, 20.0 * straight)
+
+
+@inlined
+def mirror_distance(scene):
+    """Return the least vertical distance of the aperture from the waves, on either side [m].
+
+    Array twin: none, a length.
+    """
+    z = scene.target.center.z
+    return max(scene.surface.low[2] - z if scene.reflects else z - scene.surface.high[2], 1e-6)
 
 
 @outlined
 def unless_hidden(total, f, scene):
-    """Return the total light of a facet; none where waves hide the ways to its centroid.
+    """Return the total light of a facet, or 0 where waves hide the paths to its centroid.
 
     Array twin: `EmbreeIntersector.intersect`.
     """
@@ -320,7 +347,7 @@ def unless_hidden(total, f, scene):
     slope, below, above = scene.surface.max_slope, scene.emitter.position, scene.target.center
     # One ray to either end serves a whole facet: facets are small, or the water is level and hides
     # nothing.
-    for end, is_air in ((below, scene.mirrored), (above, not scene.mirrored)):
+    for end, is_air in ((below, scene.mirrored), (above, scene.mirrored == scene.reflects)):
         way = minus(p, end)
         steep = abs(way.z) > slope * math.hypot(way.x, way.y)
         if not (steep or (is_air and not scene.interface.follow_second_hit)):
@@ -393,6 +420,10 @@ def _may_shine(part, landing, shot, scene):
         # Flat light at this crossing may be stretched more than `stretch`, which bounds light that
         # lands; 1.5, tuned, leaves room for higher orders over a part.
         reach = size * max(landing.stretch, 1.5 * _flat_stretch(m, scene))
+        if scene.reflects:
+            # a change of slope turns the light by twice as much
+            turned = 2.0 * m.flight * facet.curvature / max(dot(m.r, scene.target.axis), _FLATTEST)
+            reach = size * 1.5 * (_flat_stretch(m, scene) + turned)
         return not is_beside(m.at.x, m.at.y, landing.radius + reach, landing)
     for q in corners_of(part, scene.surface):
         if crossing.aim_at(q.x, q.y, f, shot, scene).ok:
@@ -420,11 +451,13 @@ def push_quarters(stack, top, part):
 
 @inlined
 def _is_reflected(p, size, f, scene):
-    """Return whether unscattered light is totally reflected all over a part of a facet.
+    """Return whether unscattered light is lost by total reflection all over a part of a facet.
 
     Angles of incidence within `size` of the point p differ from that at p by the angle under
     which the source sees the part, and by the bend of the interpolated normals.
     """
+    if scene.reflects:
+        return False
     facet, way = scene.facets[f], minus(p, scene.emitter.position)
     slope = math.hypot(facet.slope_x, facet.slope_y)
     seen = size * math.sqrt(1.0 + slope * slope) / norm(way)

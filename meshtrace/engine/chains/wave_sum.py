@@ -1,4 +1,4 @@
-"""Aiming over the exact sum of waves, the limit of its meshes.
+"""Aim of chains over an exact sum of waves, the limit of ever finer meshes.
 
 Crossings on a mesh of the same sea are the starts; Newton moves each to where the light crosses the
 exact surface, and its weight follows from the exact slopes and curvatures there.
@@ -101,7 +101,7 @@ def _exact_jacobian(x, y, waves, shot, scene):
 
 @outlined
 def _exact_newton(x, y, waves, shot, scene):
-    """Return (found, x, y): the crossing of the exact surface next to (x, y)."""
+    """Return (converged, x, y), the crossing of the exact surface next to (x, y)."""
     for _ in range(_ITERATIONS):
         _, j = _exact_jacobian(x, y, waves, shot, scene)
         ok, dx, dy, size = crossing.newton_step(j, shot, _STRIDE)

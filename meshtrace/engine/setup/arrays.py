@@ -1,8 +1,8 @@
 """Conversion of validated models and meshes to NamedTuples of arrays for the kernels.
 
-A link has local coordinates, its own origin and unit of length: tolerances of the kernels and
-single precision of Embree suit lengths of some metres near the origin. A tank of 10 cm and a link
-far from the origin are mapped to it.
+Each link has local coordinates, with an origin and a unit of length: the kernels' tolerances and
+the single precision of Embree are made for lengths of some metres near the origin. Small links,
+such as a tank of 10 cm, and links far from the origin are mapped to such coordinates.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from meshtrace.quadrature import gauss_legendre
 from meshtrace.surfaces.gram_charlier import series_of
 from meshtrace.surfaces.triangulate import grid_faces
 
-# fields of a medium without a raster that a frame scales: coefficients [m-1] and lengths [m]
+# fields of `Medium` that a frame scales, rasters left out: coefficients [m-1] and lengths [m]
 _PER_LENGTH = ("a", "b", "layer_a", "layer_b", "bubble_b", "b_max", "c_max")
 _LENGTHS = ("layer_step", "bubble_start", "bubble_step", "bottom_z")
 
@@ -59,26 +59,28 @@ class Frame(NamedTuple):
         """Return a mesh in local coordinates, with the same normals."""
         if self == IDENTITY:
             return mesh
-        # a mesh serves several links and estimators: each frame of it is made once
+        # cached: a mesh serves several links and estimators with the same frame
         local = _LOCAL.setdefault(mesh, {})
         if self not in local:
             local[self] = self._moved(mesh)
         return local[self]
 
     def _moved(self, mesh: TriangleMesh) -> TriangleMesh:
+        """Return a copy of a mesh with vertices and bounds in local coordinates."""
         local = self.points(mesh.vertices)
         largest = float(np.abs(local).max())
         if largest > FARTHEST:
             far = Described(f"reaches {self.unit * largest:.3g} m from the link")
             raise Refused("mesh", far, f"at most {self.unit * FARTHEST:.3g} m for its size")
-        # facets keep their normals, which take half of the time of a mesh
+        # A shallow copy shares the cached facet normals, which do not change and would take half of
+        # the time of making a mesh.
         moved = copy(mesh)
         object.__setattr__(moved, "vertices", local)  # the model is frozen
         moved.__dict__["bounds"] = self.points(mesh.bounds)
         return moved
 
     def medium(self, medium: Medium) -> Medium:
-        """Return water without a raster with coefficients per unit of length."""
+        """Return water without rasters, with lengths and coefficients in the unit of the frame."""
         if self == IDENTITY:
             return medium
         # optical depths have no unit: tables of integrals stay as they are
@@ -96,21 +98,24 @@ def frame_of(link: Link) -> Frame:
     return Frame(*link.origin, link.unit)
 
 
-_LAYER_NODES = 2049  # of the tables of a layered water
-_CELLS_PER_LOG = 200.0  # of the tables over the scattering angle
+_LAYER_NODES = 2049  # depths in the tables of layered water; tuned
+_CELLS_PER_LOG = 200.0  # cells per unit of ln(theta), theta the scattering angle: 0.5 % wide each
 
 _ROUNDING = 128 * 2.0**-24
-"""Relative rounding of coordinates that leaves a facet in single precision in no doubt."""
+"""Margin about edges of facets, relative to coordinates: 128 times the rounding of a float32.
 
-# rays that the grid answers: at least twice as steep as any facet, vertical over horizontal, and
-# never flatter than this
+Inside of it the single precision of Embree may choose either facet.
+"""
+
+# Rays that the grid answers without Embree: their slope |dz| / horizontal distance is at least
+# twice that of the steepest facet, and at least 0.2.
 _SLOPES, _LEAST_STEEP = 2.0, 0.2
-# bins of an axis: meshes with a few tiny cells would need more, and are left to Embree
+# most bins of an axis: meshes with a few tiny cells would need more, and are left to Embree
 _MOST_BINS = 2**17
 
 _NONE = Axis(np.zeros(0), np.zeros(0), np.zeros(0, np.int64), 0.0)
 NO_GRID = Grid(_NONE, _NONE, 0.0, np.inf, 0.0, 0.0, 0.0, False)
-"""Grid that answers no ray."""
+"""Grid without cells, which leaves every ray to Embree."""
 NO_BINS = Locator(0.0, 0.0, 1.0, 0, 0, np.zeros(1, np.int64), np.zeros(0, np.int32))
 """Bins of no facets, for a flat sea."""
 
@@ -125,12 +130,13 @@ def surface_arrays(
 ) -> interface.MeshArrays:
     """Return the mesh as arrays; `normals` is "vertex" or "facet".
 
-    `unresolved` is `Physics.unresolved`: whether the slopes that the mesh leaves out tilt it.
+    `unresolved` is `Physics.unresolved`: whether random slopes stand for the waves that the mesh
+    leaves out.
     """
     low, high = mesh.bounds
     roughness = interface.SMOOTH
     if unresolved == "tilt" and mesh.unresolved is not None:
-        # normals that are interpolated hold some of the slopes that flat facets leave to chance
+        # interpolated normals resolve some of the slopes that flat facets leave out
         missing = mesh.unresolved.vertex if normals == "vertex" else mesh.unresolved.facet
         wind = math.radians(mesh.unresolved.direction_deg)
         roughness = interface.Roughness(
@@ -168,8 +174,8 @@ def interface_arrays(link: Link) -> interface.Interface:
 
 
 def pattern_of(source: Source) -> tuple[int, float]:
-    """Return the kind of the pattern of a source and its spread, a Lambertian order or [rad]."""
-    # a Lambertian source cos^m has an order m, a beam a divergence, an isotropic source neither
+    """Return a source's `SourceKind` and its spread: a Lambertian order, or a half-angle [rad]."""
+    # Lambertian sources cos^m have an order m, beams a divergence, isotropic sources neither
     spread = getattr(source, "order", None)
     if spread is None:
         spread = math.radians(getattr(source, "divergence_deg", 0.0))
@@ -177,7 +183,7 @@ def pattern_of(source: Source) -> tuple[int, float]:
 
 
 def source_arrays(link: Link, top: float, frame: Frame = IDENTITY) -> Sources:
-    """Return the sources in a frame; light from the air starts at `top` [m], above every wave."""
+    """Return the sources in a frame; sun and sky start at height `top` [m], above every wave."""
     sources = link.transmitters
     n = len(sources)
     kind = np.array([pattern_of(t)[0] for t in sources], np.int64)
@@ -188,15 +194,16 @@ def source_arrays(link: Link, top: float, frame: Frame = IDENTITY) -> Sources:
         if not isinstance(t, AirSource):
             position[i] = t.center
         else:
-            # a slanted beam is started up-sun, so that it lights the square at still water
+            # start where the slanted ray to the middle of the square at still water passes `top`;
+            # the axis points down, so that `back` < 0
             back = top / axis[i, 2]
             position[i] = t.position[0] + back * axis[i, 0], t.position[1] + back * axis[i, 1], top
     in_water = np.array([isinstance(t, WaterSource) for t in sources], bool)
     power = np.array([t.power_mw for t in sources])
     # photons choose their source by inversion of the cumulative power
-    share = np.cumsum(power) / power.sum()
-    place = frame.points(position)
-    return Sources(kind, place, axis, spread, size / frame.unit, in_water, share)
+    cum_power = np.cumsum(power) / power.sum()
+    local = frame.points(position)
+    return Sources(kind, local, axis, spread, size / frame.unit, in_water, cum_power)
 
 
 def aperture_arrays(link: Link, frame: Frame = IDENTITY) -> Apertures:
@@ -204,13 +211,13 @@ def aperture_arrays(link: Link, frame: Frame = IDENTITY) -> Apertures:
     receivers = link.receivers
     in_water = np.array([not isinstance(r, Receiver) for r in receivers], bool)
     half = np.radians([r.fov_deg for r in receivers]) / 2.0
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore"):  # huge for a hemisphere
         tan_half = np.tan(half)
     return Apertures(
         center=frame.points(np.array([r.center for r in receivers], float).reshape(-1, 3)),
         axis=np.array([r.axis for r in receivers], float).reshape(-1, 3),
         radius=np.array([r.radius for r in receivers], float) / frame.unit,
-        # a hemisphere must take light that grazes it in spite of rounding
+        # exactly 0 for a hemisphere: it accepts grazing light despite rounding
         cos_half_fov=np.where(half >= math.pi / 2.0, 0.0, np.cos(half)),
         tan_half_fov=tan_half,
         in_water=in_water,
@@ -219,31 +226,32 @@ def aperture_arrays(link: Link, frame: Frame = IDENTITY) -> Apertures:
 
 
 def with_raster(medium: Medium, intersector: Intersector) -> Medium:
-    """Return the medium with the elevations of a mesh, where depths are below the surface.
+    """Return the medium with rasters of the mesh's heights, if depths count from the local surface.
 
-    They are those of a square raster, by vertical rays.
+    The heights are those of vertical rays at the nodes of a square raster. Lengths are in the unit
+    of the mesh.
     """
     if medium.depth_mode != DepthMode.LOCAL:
         return medium
     low, high = intersector.mesh.bounds
     width = float(max(high[0] - low[0], high[1] - low[1]))
-    nodes = int(np.clip(width / 0.25, 16, 256))
+    nodes = int(np.clip(width / 0.25, 16, 256))  # along a side; tuned: time and memory
     step = width / (nodes - 1)
-    # a ray aimed at the very rim may miss it
+    # rays 1e-4 inside of the rim: one at the rim itself may miss the mesh
     x = np.clip(low[0] + step * np.arange(nodes), low[0] + 1e-4, high[0] - 1e-4)
     y = np.clip(low[1] + step * np.arange(nodes), low[1] + 1e-4, high[1] - 1e-4)
     places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
 
-    def rays(start: Floats | float, way: float) -> tuple[Floats, Floats]:
-        """Return vertical rays up (1) or down (-1)."""
+    def rays(start: Floats | float, up: float) -> tuple[Floats, Floats]:
+        """Return origins and directions (nodes^2, 3) of rays up (1) or down (-1) from heights."""
         z = np.broadcast_to(start, (nodes, nodes))
         origins = np.concatenate([places, z[..., None]], axis=-1).reshape(-1, 3)
-        return origins, np.broadcast_to((0.0, 0.0, way), origins.shape)
+        return origins, np.broadcast_to((0.0, 0.0, up), origins.shape)
 
-    def heights(hits: Hits, start: Floats | float, way: float, missed: Floats | float) -> Floats:
-        """Return the heights of the first crossings, `missed` where a ray has none."""
+    def heights(hits: Hits, start: Floats | float, up: float, missed: Floats | float) -> Floats:
+        """Return the heights (nodes, nodes) of the first hits, `missed` where a ray has none."""
         distance = hits.distance.reshape(nodes, nodes)
-        return np.where(np.isfinite(distance), start + way * distance, missed)
+        return np.where(np.isfinite(distance), start + up * distance, missed)
 
     start = high[2] + 1.0
     top = heights(intersector.intersect(*rays(start, -1.0)), start, -1.0, 0.0)
@@ -251,41 +259,43 @@ def with_raster(medium: Medium, intersector: Intersector) -> Medium:
     medium = medium._replace(raster_x=x0, raster_y=y0, raster_step=step, raster=top)
     if intersector.mesh.single_valued:
         return medium
-    # an overhang has three crossings on a vertical: the jet is told from the sea below it
+    # a vertical through an overhang meets the sea, the underside of the jet above it, and its top
     start = low[2] - 1.0
     lowest = heights(intersector.intersect(*rays(start, 1.0)), start, 1.0, top)
     start = lowest + 1e-4  # to the underside of the jet, if there is one
     above = heights(intersector.intersect(*rays(start, 1.0)), start, 1.0, lowest)
     below = np.where(above > lowest, lowest, top)
+    # the middle of the air under the jet tells points below the sea from those in the jet
     split = np.where(above > lowest, 0.5 * (lowest + above), top)
     return medium._replace(overhangs=True, raster_low=below, raster_split=split)
 
 
 def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
-    """Return the water.
+    """Return the water with its bubbles, in metres; a frame scales it.
 
-    `crest` is the height up to which bubbles are tabulated where their depth is measured from
-    the mean level; depths below the local surface need `with_raster`.
+    `crest` is the height [m] up to which bubbles are tabulated where their depth counts from the
+    mean level. Depths below the local surface need `with_raster`.
     """
     water, bubbles = link.water, link.bubbles
-    # without bubbles the kernels read none of these tables: two nodes give them their type
+    # unread without bubbles: two nodes give the tables the type that the kernels expect
     mode, start, step, b_bub = int(DepthMode.NONE), 0.0, 1.0, np.zeros(2)
     phase_bubble = water.phase.tables()
     if bubbles is not None:
         mode = _code(DepthMode, bubbles.depth)
-        # linear between nodes: an error of (1 / 64)^2 / 8 = 3e-5 of exp(-z / L)
+        # linear interpolation of exp(-z / L) over steps L / 64 is good to (1 / 64)^2 / 8 = 3e-5
         step = bubbles.e_folding / 64.0
         if mode == DepthMode.MEAN_LEVEL:
             # whole steps above the mean level, so that this level is a node
             start = -math.ceil(max(crest, 0.0) / step) * step
         nodes = start + step * np.arange(math.ceil((12.0 * bubbles.e_folding - start) / step) + 1)
         b_bub = bubbles.b(nodes)
-        b_bub[-1] = 0.0  # below 12 e-foldings there are none
+        b_bub[-1] = 0.0  # none below 12 e-foldings, exp(-12) = 6e-6
         phase_bubble = bubbles.phase_function().tables()
-    # depths of layers are given by hand, unequal; kernels look up an equal grid without a search
+    # users give layers at any depths; kernels look up a uniform grid without a search
     layer_step, layer_a, layer_b = 1.0, np.full(2, water.a), np.full(2, water.b)
     if water.layers is not None:
         depth, a, b = np.array(water.layers).T
+        # 1e-3: no zero step for a single layer, of depth 0
         layer_step = max(float(depth[-1]), 1e-3) / (_LAYER_NODES - 1)
         grid = layer_step * np.arange(_LAYER_NODES)
         layer_a, layer_b = np.interp(grid, depth, a), np.interp(grid, depth, b)
@@ -326,52 +336,54 @@ def integral(values: Floats, step: float) -> Floats:
 
 
 def mean_water(water: Water, depth: float) -> tuple[float, float]:
-    """Return the means of absorption and scattering from the surface to a depth [m-1]."""
-    # constant water needs one node
+    """Return the mean absorption and scattering coefficients from still water to a depth [m-1]."""
+    # uniform water needs one node
     a, b = water.profile(np.linspace(0.0, depth, 1 if water.layers is None else 257))
     return float(np.mean(a)), float(np.mean(b))
 
 
 def mean_square_slope(surface: interface.MeshArrays) -> float:
-    """Return the mean square slope of a mesh, of one component."""
+    """Return the mean square slope of a mesh: the average of both components, over its vertices."""
     n = surface.vertex_normals
-    # slopes are -n_x / n_z and -n_y / n_z; half of the sum is that of one component
+    # the components are -n_x / n_z and -n_y / n_z
     return float(0.5 * np.mean((n[:, 0] ** 2 + n[:, 1] ** 2) / n[:, 2] ** 2))
 
 
 def locator(surface: interface.MeshArrays, targets: Sequence[Target]) -> Locator:
-    """Return bins over the part of the surface that the receivers can see.
+    """Return bins over the part of the surface that any target can see, see `Locator`.
 
-    Surfaces of a series over the same grid lines share their bins.
+    Successive surfaces over the same grid lines share their bins. Lengths are in the unit of the
+    frame.
     """
-    pad = 2.0
+    pad = 2.0  # beyond the reach; tuned
     low = [min(t.center[i] - t.reach - pad for t in targets) for i in range(2)]
     high = [max(t.center[i] + t.reach + pad for t in targets) for i in range(2)]
     # bins beyond the mesh would be empty
     low = [max(low[i], float(surface.low[i])) for i in range(2)]
     high = [min(high[i], float(surface.high[i])) for i in range(2)]
     key = *low, *high
-    plane = surface.faces, surface.vertices[:, :2]
-    for (faces, places), other, known in tuple(_bins_kept):
-        if key == other and np.array_equal(places, plane[1]) and np.array_equal(faces, plane[0]):
+    faces, places = surface.faces, surface.vertices[:, :2]
+    for (old_faces, old_places), old, known in tuple(_recent_bins):
+        if key == old and np.array_equal(old_places, places) and np.array_equal(old_faces, faces):
             return known
-    # bins of 0.1 m, the usual spacing of facets, and at most 400 along a side
+    # bins of 0.1, the default spacing of facets (`Link.footprint`), and at most 400 along a side
     width = max(high[0] - low[0], high[1] - low[1])
     step = max(0.1, width / 400.0)
     nx, ny = (max(math.ceil((high[i] - low[i]) / step), 1) for i in range(2))
-    start, none = np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.int32)
-    grid = Locator(low[0], low[1], step, nx, ny, start, none)
-    # counting sort: facets by bin in one array, of which each bin knows its start
+    start, empty = np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.int32)
+    grid = Locator(low[0], low[1], step, nx, ny, start, empty)
+    # counting sort: one array of facets ordered by bin, and the start of each bin in it
     bins = np.empty((len(surface.vertices), 2), np.int64)
     count_bins(surface, grid, bins)
     np.cumsum(start, out=start)
     grid = grid._replace(facet=np.empty(start[-1], np.int32))
     fill_bins(surface, grid, bins, start[:-1].copy())
-    _bins_kept.append(((plane[0], plane[1].copy()), key, grid))
+    _recent_bins.append(((faces, places.copy()), key, grid))
     return grid
 
 
-_bins_kept: deque[Any] = deque(maxlen=2)  # for both directions
+# ((faces, places (n, 2)), bounds, bins); two, as links up and down may take turns over a series
+_recent_bins: deque[Any] = deque(maxlen=2)
 
 
 @lru_cache(maxsize=32)
@@ -385,25 +397,26 @@ def angle_table(phase: PhaseFunction) -> AngleTable:
 
     Notes
     -----
-    A cell holds the mean over its solid angle by 4 Gauss points in theta; cells are 0.5 % wide.
+    A cell holds the mean over its solid angle, by 4 Gauss points in theta; its edges are 0.5 %
+    apart.
     """
     log_first = math.log(SMALLEST_ANGLE)
     cells = math.ceil((math.log(math.pi) - log_first) * _CELLS_PER_LOG)
     per_log = cells / (math.log(math.pi) - log_first)
     edge = np.exp(log_first + np.arange(cells + 1) / per_log)
-    # not pi less rounding: every angle has a cell
+    # exactly pi, which rounding may miss: every angle has a cell
     edge[-1] = math.pi
     node, weight = gauss_legendre(4)
     half = 0.5 * np.diff(edge)[:, None]
     theta = edge[:-1, None] + half * (1.0 + node)
-    solid = weight * np.sin(theta)
-    beta = (phase.pdf(theta) * solid).sum(axis=1) / solid.sum(axis=1)
+    solid_angle = weight * np.sin(theta)  # up to a factor for each cell
+    beta = (phase.pdf(theta) * solid_angle).sum(axis=1) / solid_angle.sum(axis=1)
     return AngleTable(log_first, per_log, edge, beta)
 
 
 def grid_shape(mesh: TriangleMesh) -> tuple[int, int] | None:
-    """Return the numbers of vertices (x, y) of a grid by `triangulate`; None for another mesh."""
-    # `grid_faces` numbers vertices along y first: its first facet starts with vertices 0 and ny
+    """Return the numbers of vertices (nx, ny) of a mesh made by `triangulate`, None of another."""
+    # vertex (i, j) is number i ny + j, and the first facet of `grid_faces` starts with 0 and ny
     ny = int(mesh.faces[0, 1])
     nx = len(mesh.vertices) // ny if ny > 1 else 0
     if nx < 2 or nx * ny != len(mesh.vertices) or not mesh.single_valued:
@@ -414,7 +427,7 @@ def grid_shape(mesh: TriangleMesh) -> tuple[int, int] | None:
 def grid_arrays(mesh: TriangleMesh) -> Grid:
     """Return the grid of a height field made by `triangulate`, `NO_GRID` for another mesh.
 
-    Facets are found with a margin for the single precision of Embree: they are its facets.
+    Close to an edge it leaves rays to Embree, so that both always answer with the same facet.
     """
     shape = grid_shape(mesh)
     if shape is None:
@@ -423,7 +436,7 @@ def grid_arrays(mesh: TriangleMesh) -> Grid:
     lines = x[:, 0].copy(), y[0].copy()
     if (x != lines[0][:, None]).any() or (y != lines[1]).any():
         return NO_GRID
-    # bins are searched along rising lines
+    # `Axis` needs rising lines
     if any((np.diff(line) <= 0.0).any() for line in lines):  # a grid that was turned
         return NO_GRID
     along_x, along_y = (_axis(line) for line in lines)
@@ -436,17 +449,18 @@ def grid_arrays(mesh: TriangleMesh) -> Grid:
         level=float(0.5 * (low[2] + high[2])),
         steep=max(_SLOPES * mesh.max_slope, _LEAST_STEEP) ** 2,
         rounding=_ROUNDING,
-        height=float(high[2] - low[2] + max(high[2], -low[2])),
+        height=float(high[2] - low[2] + max(high[2], -low[2])),  # see `Grid`
         clear=_ROUNDING * float(np.abs(mesh.bounds).max()),
         flat=bool(low[2] == high[2]),
     )
 
 
 def _axis(line: Floats) -> Axis:
-    """Return grid lines with bins somewhat narrower than their smallest distance."""
-    # a bin narrower than the closest lines holds one line at most: guide + 1 step finds a cell
+    """Return grid lines (n,), with bins 1 % narrower than the smallest distance between lines."""
+    # such a bin holds one line at most: the cell is that of the bin's start, or the next
     edges = np.diff(line)
     span = float(line[-1] - line[0])
+    # one more than allowed tells `grid_arrays` to give up
     bins = min(int(1.01 * span / edges.min()) + 1, _MOST_BINS + 1)
     starts = line[0] + span * np.arange(bins) / bins
     guide = np.searchsorted(line, starts, side="right") - 1

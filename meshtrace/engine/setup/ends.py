@@ -1,4 +1,8 @@
-"""Sources, receivers and water of a link for forced detection, and its restrictions."""
+"""Conversion of a link's sources, receivers and water to numbers, for forced detection.
+
+Forced detection aims light at the receivers: by chains of scatterings (`engine.chains`) or by
+photons joined to the targets (`engine.photons`). Links that it cannot follow are refused here.
+"""
 
 from __future__ import annotations
 
@@ -27,26 +31,33 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 
 ANALOG = 'else estimator="analog"'
-"""Advice of a refusal."""
+"""End of the text of a refusal: the estimator that follows every link."""
 POINTS_ONLY = f"a point source in bottomless water, with these switches of physics; {ANALOG}"
-"""Links that chains follow, for a refusal where joined photons do not."""
-_NEGLIGIBLE = 1e-7  # light at the reach over that straight above the source
-_NARROWEST_ON_ONE_SIDE = 1e-3  # [deg]: no chains are aimed, photons start in any cone
-_NARROWEST = 0.1  # [deg], of a lamp: narrower spots are smaller than the parts of a facet
-# switches of physics whose form as published makes light differ from light that is reversed
+"""Allowed links, in a refusal where joined photons cannot stand in for chains."""
+_NEGLIGIBLE = 1e-7  # light at the reach, relative to the brightest: what lies beyond is left out
+# smallest half-angle of a source, or view of an underwater receiver, [deg]: narrower spots are
+# smaller than the parts into which facets are cut for the integral of unscattered light
+_NARROWEST = 0.1
+# the same of links on one side, where photons start in any cone and no chains are aimed
+_NARROWEST_ON_ONE_SIDE = 1e-3
+# switches whose published form has no reciprocity: a path and its reverse carry different light
 _REVERSIBLE = ("snell", "direction", "fresnel", "free_path", "fov")
-# caps where a tangent diverges: a view of almost a hemisphere sees no farther than this
+# tan(widest angle) diverges for views of a hemisphere: tuned caps of angle and reach
 _WIDEST = math.radians(88.0)
-_FARTHEST = 200.0  # reach of a view, in the unit of the frame
+_FARTHEST = 200.0  # in the unit of the frame; a link is up to some 16 units high
+# placeholder in the field `lamp` of apertures, which kernels do not read
 _NO_LAMP = Emitter(ORIGIN, ORIGIN, kind=int(SourceKind.ISOTROPIC), spread=0.0, norm=0.0)
 
 
 class Forwards(NamedTuple):
-    """Lamps in the air and apertures in the water, turned upside down."""
+    """Lamps in the air and apertures in the water, turned upside down.
+
+    Kernels of unscattered light expect the emitter below the surface (`kernels.scene.Scene`).
+    """
 
     emitters: list[Emitter]
     targets: list[Target]
-    medium: Medium  # with interchanged indices; its heights are not mirrored
+    medium: Medium  # refractive indices interchanged; depths of layers and bubbles as they are
 
 
 class ForcedLink(NamedTuple):
@@ -59,18 +70,18 @@ class ForcedLink(NamedTuple):
 
     frame: arrays.Frame
     emitters: list[Emitter]
-    power: Floats  # (sources,) shares of the power
+    power: Floats  # (sources,) share of the total power, sums to 1
     targets: list[Target]
     medium: Medium
     interface: Interface
-    forwards: Forwards | None  # of light that starts in the air
+    forwards: Forwards | None  # ends of light that starts in the air, in its direction, else None
     direction: Direction  # `Link.direction`
-    sizes: tuple[float, ...]  # radius of each emitter, in the unit of the frame
-    stands_for: NDArray[np.intp]  # (targets,) the one that stands for each, see `representatives`
+    sizes: tuple[float, ...]  # (emitters,) `Source.size` in the unit of the frame, 0 for receivers
+    stands_for: NDArray[np.intp]  # (targets,) index of the representative, see `representatives`
 
     @property
     def down(self) -> bool:
-        """Whether the chains run against the light."""
+        """Whether this is a downlink: chains run against the light, from receivers to lamps."""
         return self.direction == "down"
 
     @property
@@ -80,24 +91,24 @@ class ForcedLink(NamedTuple):
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """Pairs of an emitter and a target."""
+        """All pairs of indices (emitter, target)."""
         return list(np.ndindex(len(self.emitters), len(self.targets)))
 
     def receiver(self, emitter: int, target: int) -> int:
-        """Return the receiver of a pair."""
+        """Return which of the two indices of a pair is that of the receiver."""
         return emitter if self.down else target
 
     @property
     def stands_for_receivers(self) -> NDArray[np.intp]:
-        """Representative of each receiver, (receivers,)."""
+        """Index of the representative of each receiver, (receivers,): itself in a downlink."""
         return np.arange(len(self.emitters)) if self.down else self.stands_for
 
     def share(self, emitter: int, target: int) -> float:
-        """Return the share of the power of the source of a pair."""
+        """Return the share of the total power that the source of a pair emits."""
         return float(self.power[target if self.down else emitter])
 
     def by_receiver(self, values: Floats) -> Floats:
-        """Return the sum over the sources of values (emitters, targets), by share of the power."""
+        """Return (receivers,) sums of values (emitters, targets), weighted by the power shares."""
         return values @ self.power if self.down else self.power @ values
 
 
@@ -105,11 +116,12 @@ def require_height_field(mesh: TriangleMesh) -> None:
     """Refuse a surface with more than one crossing on a vertical."""
     if not mesh.single_valued:
         overhangs = Described(f"overhangs ({mesh.facing_down} facets face down)")
+        # [5:] leaves out "else "
         raise Refused("sea.mesh", overhangs, f"a height field; overhangs need {ANALOG[5:]}")
 
 
 def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
-    """Return the link as arrays and numbers, in a given frame or the link's.
+    """Return the link as arrays and numbers, in a given local frame or that of the link.
 
     Raises
     ------
@@ -118,14 +130,14 @@ def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
     """
     require_followable(link)
     power = np.array([t.power_mw for t in link.transmitters])
-    # the sea is not known yet: bubbles are tabulated up to crests of 5 m
+    # the sea is not known yet; tuned: bubbles are tabulated up to crests of 5 m
     medium = expected_water(link, crest=5.0)
     frame = frame or arrays.frame_of(link)
     low: tuple[Source | Aperture, ...] = link.transmitters
     forwards, water = None, frame.medium(medium)
     if link.direction == "down":
-        # chains start in the water, at the receivers, and run against the light: reciprocity of
-        # radiance over n^2
+        # Chains start in the water, at the receivers, and run against the light: reciprocity
+        # conserves radiance over n^2 (docs/downlink.md).
         low = link.receivers
     if link.direction in ("down", "over"):
         # unscattered light from the air is followed forwards, with everything upside down
@@ -156,15 +168,15 @@ def require_points(link: Link) -> None:
             raise Refused(path, Described(f"a radius of {item.size:g} m"), POINTS_ONLY)
 
 
-def _mirrored(end: Any, place: str) -> Any:
-    """Return an emitter or target at the opposite height."""
-    names = (place, "axis", "e1", "e2")
+def _mirrored(end: Any, position_field: str) -> Any:
+    """Return an emitter or target mirrored at still water, z -> -z."""
+    names = (position_field, "axis", "e1", "e2")
     turned = {name: getattr(end, name)._replace(z=-getattr(end, name).z) for name in names}
     return end._replace(**turned)
 
 
 def crossing_reach(link: Link) -> float:
-    """Return the largest distance from `Link.origin` of light that crosses to a receiver [m]."""
+    """Return the largest horizontal distance from `Link.origin` of a relevant crossing [m]."""
     require_followable(link)
     frame = arrays.frame_of(link)
     farthest = max(t.reach + math.hypot(t.center.x, t.center.y) for t in _targets(link, frame))
@@ -174,77 +186,80 @@ def crossing_reach(link: Link) -> float:
 def resolved_reach(link: Link, estimator: Estimator) -> float:
     """Return the distance from `Link.origin` within which an estimator needs the surface [m].
 
-    Photons cross anywhere.
+    Infinite for analog photons, which may cross anywhere.
     """
     return math.inf if isinstance(estimator, Analog) else crossing_reach(link)
 
 
 def _targets(link: Link, frame: arrays.Frame) -> list[Target]:
-    """Return the receivers as numbers, with the reach beyond which light is negligible."""
-    # the clearest layer: in no water does light reach farther
+    """Return the ends that light is aimed at as targets, with the reach beyond which light is negligible."""
+    # absorption of the clearest layer bounds the reach from above
     water = link.water
     a = water.a if water.layers is None else min(row[1] for row in water.layers)
     if link.direction == "down":
         targets = []
         for lamp in link.transmitters:
             if isinstance(lamp, AirLamp):
-                t = lamp_target(lamp, link, frame)
-                ways = [_way_of_light(lamp, end, a) for end in link.receivers]
-                targets.append(t._replace(reach=min(t.reach, max(ways) / frame.unit)))
+                target = lamp_target(lamp, link, frame)
+                radii = [_lamp_reach(lamp, end, a) for end in link.receivers]
+                targets.append(target._replace(reach=min(target.reach, max(radii) / frame.unit)))
         return targets
-    # the view of a receiver, or the light of all sources, whichever ends first
+    # the view of a receiver, or the light of all sources, whichever ends first;
+    # 4 waists of a Gaussian: the light outside is exp(-32)
     spots = []
     for s in link.transmitters:
         if isinstance(s, WaterSource):
-            spots.append((s.position, _lit_radius(s.depth, a) + 4.0 * s.size))
+            spots.append((s.position, _source_reach(s.depth, a) + 4.0 * s.size))
         elif isinstance(s, AirLamp):
-            lit = frame.unit * lamp_target(s, link, frame).reach
-            spots.append((s.position, lit + 4.0 * s.size))
+            reach = frame.unit * lamp_target(s, link, frame).reach
+            spots.append((s.position, reach + 4.0 * s.size))
     targets = []
     for end in link.receivers:
-        t = target_of(end, frame)
-        farthest = max(math.dist(middle, end.position) + wide for middle, wide in spots)
-        targets.append(t._replace(reach=min(t.reach, farthest / frame.unit)))
+        target = target_of(end, frame)
+        farthest = max(math.dist(middle, end.position) + radius for middle, radius in spots)
+        targets.append(target._replace(reach=min(target.reach, farthest / frame.unit)))
     return targets
 
 
-def _way_of_light(lamp: AirLamp, end: Aperture, a: float) -> float:
-    """Return the distance from below a lamp beyond which its light to a receiver is negligible [m].
+def _lamp_reach(lamp: AirLamp, end: Aperture, a: float) -> float:
+    """Return the distance from a lamp's foot beyond which its light to a receiver is negligible.
 
-    Beyond it the light on a ring of still water, times exp(-a D) / D^2 with the least distance D
-    from the ring to the receiver, is below 1e-7 of the largest.
+    Horizontal [m]. Beyond it the light on a ring of still water, times exp(-a D) / D^2 with the
+    least distance D from the ring to the receiver, is below 1e-7 of the largest. `a` is the
+    absorption [m-1]; the foot is the point straight below the lamp.
     """
     height, depth, aside = lamp.height, -end.center[2], math.dist(lamp.position, end.position)
-    # radii of rings about the foot of the lamp, 0.7 % apart, up to a thousand sizes of the link
-    way = np.geomspace(1e-3, 1e3, 2048) * (height + depth + aside)
-    angle = np.arctan2(way, height)
-    off = np.maximum(angle - math.radians(lamp.tilt_deg), 0.0)
-    # of a ring: intensity, cosine of incidence, 1 / r^2 from the lamp, circumference; logarithms,
-    # as products of these underflow
-    log_light = np.log(np.maximum(lamp_intensity(lamp, np.cos(off)), 1e-300))
-    log_light += np.log(np.cos(angle)) - 2.0 * np.log(np.hypot(way, height)) + np.log(way)
-    distance = np.hypot(depth, np.maximum(way - aside, 0.0))
-    log_light -= a * distance + 2.0 * np.log(distance)
-    seen = np.flatnonzero(log_light > log_light.max() + math.log(_NEGLIGIBLE))
-    return float(way[min(seen[-1] + 1, len(way) - 1)])
+    # radii of rings about the foot, 0.7 % apart, from a thousandth to a thousand sizes of the link
+    ring = np.geomspace(1e-3, 1e3, 2048) * (height + depth + aside)
+    nadir_angle = np.arctan2(ring, height)
+    # least angle to the axis on the ring: where it lies towards the tilt
+    off_axis = np.maximum(nadir_angle - math.radians(lamp.tilt_deg), 0.0)
+    # light on a ring ~ intensity x cosine of incidence / distance^2 from the lamp x radius of the
+    # ring (its circumference); as a logarithm, since the product underflows
+    log_flux = np.log(np.maximum(lamp_intensity(lamp, np.cos(off_axis)), 1e-300))
+    log_flux += np.log(np.cos(nadir_angle)) - 2.0 * np.log(np.hypot(ring, height)) + np.log(ring)
+    distance = np.hypot(depth, np.maximum(ring - aside, 0.0))
+    log_flux -= a * distance + 2.0 * np.log(distance)
+    seen = np.flatnonzero(log_flux > log_flux.max() + math.log(_NEGLIGIBLE))
+    return float(ring[min(seen[-1] + 1, len(ring) - 1)])
 
 
-def _lit_radius(depth: float, a: float) -> float:
+def _source_reach(depth: float, a: float) -> float:
     """Return the horizontal distance from a source beyond which its light is negligible [m].
 
     There exp(-a D) / D^2 has fallen to 1e-7 of its value straight above the source, D the
-    distance of the crossing from the source.
+    distance of the crossing from the source and `a` the absorption [m-1].
     """
     fall = -math.log(_NEGLIGIBLE)
     # without absorption 1 / D^2 alone falls to the limit at the upper end
     low, high = depth, depth * math.exp(0.5 * fall)
-    # bisection of a D + 2 ln D, which rises with D; 60 halvings are below rounding
+    # bisection of a D + 2 ln D, which rises with D; 60 halvings reach the last digit
     for _ in range(60):
-        way = 0.5 * (low + high)
-        if a * (way - depth) + 2.0 * math.log(way / depth) < fall:
-            low = way
+        distance = 0.5 * (low + high)
+        if a * (distance - depth) + 2.0 * math.log(distance / depth) < fall:
+            low = distance
         else:
-            high = way
+            high = distance
     return math.sqrt(high**2 - depth**2)
 
 
@@ -253,17 +268,17 @@ def require_followable(link: Link) -> None:
     # the first source and receiver decide for all: one link has one kind of light
     in_air = any(isinstance(t, AirLamp) for t in link.transmitters)
     into_air = any(isinstance(r, Receiver) for r in link.receivers)
-    source, source_side = (AirLamp, "air") if in_air else (WaterSource, "water")
-    end, end_side = (Receiver, "air") if into_air else (WaterReceiver, "water")
+    source_type, source_side = (AirLamp, "air") if in_air else (WaterSource, "water")
+    receiver_type, end_side = (Receiver, "air") if into_air else (WaterReceiver, "water")
     narrowest = _NARROWEST_ON_ONE_SIDE if in_air == into_air else _NARROWEST
     for path, item in link.items():
-        if isinstance(item, source):
+        if isinstance(item, source_type):
             if item.spread_deg < narrowest:
                 angle = Described(f"a half-angle of {item.spread_deg:g} deg")
                 raise Refused(path, angle, f">= {narrowest:g} deg; {ANALOG}")
         elif isinstance(item, Source):
             raise Refused(path, Described(item.kind), f"a source in the {source_side}; {ANALOG}")
-        elif not isinstance(item, end):
+        elif not isinstance(item, receiver_type):
             raise Refused(path, Described(item.kind), f"a receiver in the {end_side}; {ANALOG}")
         elif in_air and item.fov_deg < narrowest:
             allowed = f">= {narrowest:g} deg; {ANALOG}"
@@ -274,7 +289,7 @@ def require_followable(link: Link) -> None:
         _require_reversible(link)
     if link.planes is not None:
         raise Refused("planes", Described("given"), f"None; {ANALOG}")
-    # these forms as published know the coefficients of one depth only
+    # as published, these two take the coefficients at one depth for the whole path
     if link.bubbles is not None or link.water.layers is not None:
         for name, paper in (("absorption", "paper"), ("free_path", "local_c")):
             if getattr(link.physics, name) == paper:
@@ -283,11 +298,16 @@ def require_followable(link: Link) -> None:
 
 
 def _require_reversible(link: Link) -> None:
-    """Refuse forms as published, but for light that leaves the water: they have one direction."""
+    """Refuse published forms that break reciprocity, or are of light that leaves the water alone.
+
+    Chains of a downlink run against the light; links on one side have no published forms.
+    """
     default = type(link.physics)()
     physical = {name: getattr(default, name) for name in _REVERSIBLE}
+    # in uniform water the published absorption is a factor of b, the same both ways
     if link.water.layers is not None:
         physical["absorption"] = default.absorption
+    # "paper_both" is a value of `fresnel`
     printed = {n: w for n in physical if (w := getattr(link.physics, n)) in ("paper", "paper_both")}
     if link.physics.free_path == "local_c":
         printed["free_path"] = "local_c"
@@ -300,7 +320,12 @@ def _require_reversible(link: Link) -> None:
 
 
 def expected_water(link: Link, crest: float) -> Medium:
-    """Return the water; the printed Algorithm 1 acts as b -> albedo b (E5)."""
+    """Return the water, with the scattering that gives the expected weight of a photon.
+
+    The published Algorithm 1 scatters with the probability of the albedo and also weights by it:
+    on average b -> albedo b, with the same absorption (E5 of docs/paper.md). `crest` is that of
+    `arrays.medium_arrays` [m].
+    """
     medium = arrays.medium_arrays(link, crest)
     if link.physics.absorption == "paper":
         medium = medium._replace(b=medium.b * link.water.albedo)
@@ -315,16 +340,19 @@ def emitter_of(end: Source | Aperture, frame: arrays.Frame = arrays.IDENTITY) ->
         half = math.radians(end.fov_deg) / 2.0
         # projected solid angle of the cone of view: int cos dOmega = pi sin^2(half)
         view = math.pi * math.sin(half) ** 2
+        # the etendue stands for the power, see `Emitter`
         power, kind = math.pi * radius**2 * view, int(SourceKind.APERTURE)
         return Emitter(position, axis, kind, half, 1.0 / view, power, radius, *disk)
     kind, spread = arrays.pattern_of(end)
+    # norm: intensity on the axis of a source of unit power [sr-1]
     if kind == SourceKind.LED:
-        # I(w) = (m + 1) / (2 pi) cos^m(theta), of unit power
+        # I = (m + 1) / (2 pi) cos^m(theta), m the spread
         norm = (spread + 1.0) / (2.0 * math.pi)
     elif kind == SourceKind.GAUSSIAN_BEAM:
-        # exp(-2 theta^2 / spread^2), of unit power for small angles
+        # I = norm exp(-2 theta^2 / spread^2); unit power in the limit of small angles
         norm = 2.0 / (math.pi * spread**2)
     elif kind == SourceKind.TOP_HAT_BEAM:
+        # one over the solid angle of the cone
         norm = 1.0 / (2.0 * math.pi * (1.0 - math.cos(spread)))
     else:
         norm = 1.0 / (4.0 * math.pi)
@@ -332,7 +360,7 @@ def emitter_of(end: Source | Aperture, frame: arrays.Frame = arrays.IDENTITY) ->
 
 
 def lamp_intensity(lamp: AirLamp, cosine: Floats) -> Floats:
-    """Return the intensity of a lamp at the cosine of an angle to its axis [sr-1]."""
+    """Return the intensity of a lamp of unit power at cosines of the angle to its axis [sr-1]."""
     emitter = emitter_of(lamp)
     cosine = np.clip(cosine, 0.0, 1.0)
     if emitter.kind == SourceKind.LED:
@@ -344,14 +372,14 @@ def lamp_intensity(lamp: AirLamp, cosine: Floats) -> Floats:
 
 
 def _placed(end: Source | Aperture, frame: arrays.Frame) -> Vec3:
-    """Return the place of an end in a frame."""
+    """Return the centre of a source or receiver in a frame."""
     return Vec3(*frame.points(np.array(end.center)).tolist())
 
 
 @lru_cache
 def across(axis: tuple[float, float, float]) -> tuple[Vec3, Vec3]:
-    """Return two unit vectors across an axis, which receivers have in common."""
-    # from an axis that is far from parallel, whose cross product keeps its digits
+    """Return two perpendicular unit vectors across an axis, from a cache: receivers share axes."""
+    # cross product with y, or with x where the axis is nearly parallel to y and digits would cancel
     e1 = np.cross(axis, (0.0, 1.0, 0.0) if abs(axis[1]) < 0.9 else (1.0, 0.0, 0.0))
     e1 /= np.linalg.norm(e1)
     return Vec3(*e1.tolist()), Vec3(*np.cross(axis, e1).tolist())
@@ -360,9 +388,10 @@ def across(axis: tuple[float, float, float]) -> tuple[Vec3, Vec3]:
 def lamp_target(lamp: AirLamp, link: Link, frame: arrays.Frame = arrays.IDENTITY) -> Target:
     """Return a lamp in the air as the point that chains from the water aim at.
 
-    Its light has fallen to 1e-7 at the largest angle to its axis.
+    Its field of view ends where the intensity has fallen to 1e-7 of that on the axis.
     """
     center = _placed(lamp, frame)
+    # the spread: the widest angle of a top hat, the order of an LED, the 1/e^2 angle of a Gaussian
     kind, widest_angle = arrays.pattern_of(lamp)
     # I = I_0 cos^m(theta), or I_0 exp(-2 theta^2 / spread^2), solved for I = 1e-7 I_0
     if kind == SourceKind.LED:
@@ -375,12 +404,12 @@ def lamp_target(lamp: AirLamp, link: Link, frame: arrays.Frame = arrays.IDENTITY
         axis=Vec3(0.0, 0.0, 1.0),
         e1=Vec3(1.0, 0.0, 0.0),
         e2=Vec3(0.0, 1.0, 0.0),
-        # radiance over n^2 is conserved (basic radiance), where an aperture has its area
+        # radiance over n^2 (basic radiance) is conserved: this factor takes the place of an area
         area=(link.water.n / link.n_air) ** 2,
         radius=0.0,
         cos_half_fov=max(math.cos(widest_angle), 0.0),
         tan_half_fov=0.0,
-        # crossings may lie 2 below still water, in a trough
+        # + 2.0: crossings may lie 2 units of the frame below still water, in a trough
         reach=min((center.z + 2.0) * math.tan(widest), _FARTHEST),
         sin_widest=math.sin(widest),
         is_lamp=True,
@@ -401,9 +430,10 @@ def target_of(receiver: Any, frame: arrays.Frame = arrays.IDENTITY) -> Target:
         e2=e2,
         area=math.pi * radius**2,
         radius=radius,
-        # exactly 0, so that light along the aperture is inside in spite of rounding
+        # exactly 0 for a hemisphere: light that grazes the aperture is inside despite rounding
         cos_half_fov=0.0 if half >= math.pi / 2.0 else math.cos(half),
-        tan_half_fov=math.tan(min(half, 1.55)),
+        tan_half_fov=math.tan(min(half, 1.55)),  # capped at 88.8 deg: finite for a hemisphere
+        # + 2.0: a trough, as in `lamp_target`; the disk adds its radius, and again as a margin
         reach=min((abs(center.z) + 2.0) * math.tan(widest), _FARTHEST) + 2.0 * radius,
         sin_widest=math.sin(widest),
         is_lamp=False,
@@ -412,36 +442,40 @@ def target_of(receiver: Any, frame: arrays.Frame = arrays.IDENTITY) -> Target:
 
 
 _MANY = 64  # targets up to which each stands for itself
-_CELL = 0.06  # edge of a neighbourhood over the height of a target above the sources
+_CELL = 0.06  # edge of a cell, relative to the height of its targets above the highest source
 
 
 def representatives(emitters: Sequence[Emitter], targets: Sequence[Target]) -> NDArray[np.intp]:
-    """Return the representative of each target.
+    """Return the index of the representative of each target, (targets,).
+
+    Pilot runs and crossings of still water are those of the representatives alone.
 
     Notes
     -----
-    Up to 64 targets stand for themselves. Of more, those that differ in their horizontal place
-    alone share square cells of 6 % of their height above the highest source: the target nearest to
-    the middle of a cell stands for the others in it. Which it is does not depend on the order of
-    the targets.
+    Up to 64 targets represent themselves. Among more, targets that differ only in their horizontal
+    position are grouped into square cells, with an edge of 6 % of their height above the highest
+    source: the target nearest to the middle of a cell represents the others. The choice does not
+    depend on the order of the targets.
     """
     stands_for = np.arange(len(targets))
     if len(targets) <= _MANY:
         return stands_for
-    # from the source a cell of 0.06 heights is seen under 3 deg: one pilot stands for all in it
+    # seen from the source a cell subtends 3 deg, so that one pilot run represents all in it
+    # the reach, too, depends on the position
     alike: dict[Target, list[int]] = defaultdict(list)
     for i, t in enumerate(targets):
         alike[t._replace(center=Vec3(0.0, 0.0, t.center.z), reach=0.0)].append(i)
-    level = max(e.position.z for e in emitters)
-    for kind, members_of_kind in alike.items():
+    highest_source = max(e.position.z for e in emitters)
+    for template, members_of_kind in alike.items():
         # sorted by place: the cells of the same targets in another order are the same
         order = np.array(sorted(members_of_kind, key=lambda i: targets[i].center))
         places = np.array([targets[i].center[:2] for i in order])
-        edge = _CELL * (kind.center.z - level)
+        edge = _CELL * (template.center.z - highest_source)
         cells = np.floor((places - places.min(axis=0)) / edge)
-        _, cell, size = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-        for members in np.split(np.argsort(cell.ravel(), kind="stable"), np.cumsum(size)[:-1]):
+        _, cell, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+        # indices into `order` of the targets of each cell
+        for members in np.split(np.argsort(cell.ravel(), kind="stable"), np.cumsum(counts)[:-1]):
             middle = 0.5 * (places[members].min(axis=0) + places[members].max(axis=0))
-            square = np.square(places[members] - middle).sum(axis=1)
-            stands_for[order[members]] = order[members[np.argmin(square)]]
+            squared_distance = np.square(places[members] - middle).sum(axis=1)
+            stands_for[order[members]] = order[members[np.argmin(squared_distance)]]
     return stands_for

@@ -1,4 +1,4 @@
-"""Mesh of a surface for a link: resolution, coverage and the identifying configuration."""
+"""Mesh of a surface for a link: resolution, coverage and the configuration that identifies it."""
 
 from __future__ import annotations
 
@@ -25,31 +25,35 @@ from meshtrace.mesh import (
 from meshtrace.models import Floats
 
 GAIN_SPACING = 0.45
-"""Spacing over 1 / k of the shortest wave: 1 % of the mean gain without random slopes.
+"""Largest k h of the shortest wave, h the spacing: an error of 1 % of the mean gain.
 
-That of one surface is finer where its curvature changes on the scale of the light.
+That is without random slopes. Meshes of one surface are finer where its curvature changes within
+the light (`_accurate_spacing`).
 """
 
 FADING_SPACING = 0.9
-"""The same for many seas: 0.1 % of the mean and 2 % of the scintillation index, 5 % of a gain.
+"""Largest k h in ensembles: errors of 0.1 % of the mean gain and 2 % of the scintillation index.
 
-With random slopes beyond the waves it is 0.5 % of a gain.
+Of one gain 5 %, or 0.5 % where random slopes stand for shorter waves.
 """
 
 _MOST_FACETS = 8e6  # of a mesh: some 2 GB with its intersector
-_PLANE_CELLS = 128  # over the half-width of a plane, fine or coarse, that needs no fine mesh
-_PHOTON_CELLS = 8  # over the half-width for individual photons, which search no facets
-_ASIDE = 5.0  # [m], beyond which the forced estimator has fine facets at the crossings alone
-_CLEAR = 0.5  # transport depth b (1 - g) d up to which scattered light of a beam crosses near it
-_MOST_LIT = 2e6  # facets where unscattered light crosses, to resolve the shortest wave
-_MOST_FINER = 1e5  # facets there for the sake of `_MESH_ERROR`
-_MESH_ERROR = 2.5e-3  # relative, of the unscattered light of one surface, root mean square
+_PLANE_CELLS = 128  # at most, over the half-width of the fine part and of the mesh of a plane
+_PHOTON_CELLS = 8  # the same for analog photons: rays, whose cost hardly depends on the cells
+_ASIDE = 5.0  # [m] for `Link.footprint` in forced detection: ends farther aside get no fine part
+# transport depth b (1 - g) s, s the path of a beam, up to which its scattered light stays near it
+_CLEAR = 0.5
+# most facets in the patch where unscattered light crosses, to resolve the shortest wave
+_MOST_IN_PATCH = 2e6
+_MOST_FINER = 1e5  # most facets there to keep `_MESH_ERROR`, which takes finer ones; tuned: time
+_MESH_ERROR = 2.5e-3  # relative rms error of the unscattered light of one surface
 _SLOPES_UNKNOWN = 0.09  # slope variance of a surface that is no sum of waves: slopes of 0.3
-_NODES = 32  # over the half-width of the light, to measure how curvature changes
+_NODES = 32  # grid steps over the half-width of the patch, to measure curvature by differences
 _TOO_SHORT = 0.01  # share of the slope variance in waves that the mesh leaves out, to be warned of
-_MOST_CELLS = 1e9  # along a side, when facets are counted: no overflow of their square
-_MARGIN, _MARGIN_OF_MANY = 20.0, 10.0  # spacings beyond the farthest crossing; for many seas
-_COVER = 1.01  # half-width over the distance of the end farthest aside, which the mesh must cover
+_MOST_CELLS = 1e9  # cap of the cells along a side, so that their square does not overflow
+# spacings beyond the farthest crossing, where waves may move it: for one sea and for many; tuned
+_MARGIN, _MARGIN_OF_MANY = 20.0, 10.0
+_COVER = 1.01  # half-width over the largest offset of an end: `require_cover` needs 1
 
 
 def mesh_for(
@@ -71,13 +75,14 @@ def mesh_for(
     meshing : Meshing
         Time and resolution.
     reach : float, optional
-        Largest distance from the axis at which light crosses to a receiver [m]: the forced
-        estimator needs no more of the surface. Infinite for all of the footprint.
+        Largest distance from `Link.origin` at which light crosses to a receiver [m]: forced
+        detection needs no more of the surface. Infinite for the whole footprint with resolved
+        crossings; None for the plain footprint.
     per_wave : float
-        Spacing over 1 / k of the shortest wave of a sum of waves where light crosses, unless the
-        spacing is given: `GAIN_SPACING` or `FADING_SPACING`. Only with `reach`.
+        Largest k h of the shortest wave of a sum of waves where light crosses, h the spacing,
+        unless `meshing` gives it: `GAIN_SPACING` or `FADING_SPACING`. Used with `reach` alone.
     few : bool
-        Few facets where the surface is a plane, for individual photons.
+        Whether to make few facets where the surface is a plane, as for analog photons.
 
     Raises
     ------
@@ -96,7 +101,7 @@ def mesh_for(
 
 
 def surface_config(surface: MeshSource | TriangleMesh) -> dict[str, Any]:
-    """Return the configuration that identifies a surface, for a mesh its digest."""
+    """Return the configuration that identifies a surface; for a mesh, a digest of its arrays."""
     if not isinstance(surface, TriangleMesh):
         return dict(surface.to_config())
     arrays = surface.vertices, surface.faces, surface.vertex_normals
@@ -110,7 +115,7 @@ def mesh_lines(
     meshing: Meshing = Meshing(),  # noqa: B008 - frozen
     reach: float | None = None,
     per_wave: float = GAIN_SPACING,
-    lit_share: float = 1.0,
+    fine_patch: float = 1.0,
     few: bool = False,
 ) -> dict[str, Any]:
     """Return the extent, spacing and centre of the mesh of a sea, as arguments of its `mesh`.
@@ -119,23 +124,23 @@ def mesh_lines(
     ----------
     link, surface, meshing, reach, per_wave, few
         As for `mesh_for`.
-    lit_share : float
-        Half-width of the fine part, over that of `Link.lit_patch`; cells widen outside of it.
-        Below 1 for studies of many seas.
+    fine_patch : float
+        Half-width of the fine part relative to that of `Link.lit_patch`; cells widen outside.
+        Studies of many seas may choose less than 1.
 
     Raises
     ------
     Refused
         If the mesh would have too many facets.
     """
-    # three meshes: all of the footprint for individual photons (no reach); its crossings resolved
-    # for chains whose reach is infinite; the same, cut to the reach
+    # Three kinds of mesh: the plain footprint (reach is None); with infinite reach its crossings
+    # are resolved; with a finite one the footprint is also cut to the reach.
     f = link.footprint() if reach is None else link.footprint(_ASIDE)
     if reach is not None and reach < math.inf:
-        f = _within_reach(link, f, reach, lit_share)
+        f = _within_reach(link, f, reach, fine_patch)
     is_given = meshing.spacing is not None or meshing.extent is not None
     if isinstance(surface, PlaneSurface):
-        # facets of a plane differ in nothing: as few as the search for crossings takes well
+        # all facets of a plane are alike: only as many as make the search for crossings fast
         if few and not is_given:
             f = f._replace(fine_extent=f.extent, spacing=f.extent / _PHOTON_CELLS)
         fine = max(f.spacing, f.fine_extent / _PLANE_CELLS)
@@ -143,7 +148,7 @@ def mesh_lines(
         f = f._replace(spacing=fine, coarse_spacing=coarse)
     elif isinstance(surface, SurfaceModel) and reach is not None and not is_given:
         if link.crossings():
-            f = _resolving(link, surface, f, per_wave, meshing.time, lit_share)
+            f = _resolving(link, surface, f, per_wave, meshing.time, fine_patch)
     spacing = meshing.spacing or f.spacing
     _require_size(f, meshing)
     if meshing.extent is not None:
@@ -152,23 +157,23 @@ def mesh_lines(
     return f._replace(spacing=spacing, coarse_spacing=coarse)._asdict()
 
 
-def _within_reach(link: Link, f: Footprint, reach: float, lit_share: float) -> Footprint:
-    """Return a footprint cut to where light can cross to a receiver.
+def _within_reach(link: Link, f: Footprint, reach: float, fine_patch: float) -> Footprint:
+    """Return the footprint `f` cut to where light can cross to a receiver.
 
-    Its half-width is the largest of those that light, grid and link ask for.
+    The half-width suffices for the reach, for the grading of the grid, and to cover all ends.
     """
     places = np.array([item.center[:2] for _, item in link.items()])
     aside = float(np.abs(places - f.center).max())
-    coarse = 4.0 * f.spacing
+    coarse = 4.0 * f.spacing  # tuned
     if _is_narrow(link, f):
-        # light of beams crosses within a quarter of the fine part: half of that is fine enough, and
-        # what was fine is the whole mesh, if it covers the ends of the link
+        # beams cross within a quarter of the fine part (`_is_narrow`): half of it stays fine, and
+        # the mesh ends where the fine part did, unless it must reach farther to cover the ends
         extent = max(f.fine_extent, _COVER * aside)
         return f._replace(extent=extent, fine_extent=0.5 * f.fine_extent, coarse_spacing=coarse)
-    # received light crosses up to `reach` from the origin of the link, and waves move it outwards
-    margin = _MARGIN if lit_share >= 1.0 else _MARGIN_OF_MANY
+    # received light crosses within `reach` of the origin of the link; waves move it outwards
+    margin = _MARGIN if fine_patch >= 1.0 else _MARGIN_OF_MANY
     crossed = min(reach + math.dist(f.center, link.origin) + margin * f.spacing, f.extent)
-    # spacings grow from the fine to the coarse one over some lines
+    # room for spacings to grow towards the coarse one
     extent = max(crossed, f.fine_extent + 10.0 * f.spacing)
     if aside > extent:  # light of a lamp close to the water crosses far from the receiver
         extent = _COVER * aside
@@ -176,52 +181,54 @@ def _within_reach(link: Link, f: Footprint, reach: float, lit_share: float) -> F
 
 
 def _is_narrow(link: Link, f: Footprint) -> bool:
-    """Return whether all light comes from beams in clear water that cross near the middle."""
+    """Return whether all sources are beams in clear water that cross near the mesh's centre."""
     for t in link.transmitters:
         divergence = getattr(t, "divergence_deg", None)
         if divergence is None or not isinstance(t, WaterSource) or t.axis[2] <= 0.0:
             return False
-        # the beam in still water: its spot on the surface, twice its divergence wide
-        way = t.depth / t.axis[2]
-        spot = np.array(t.center[:2]) + way * np.array(t.axis[:2])
-        width = t.size + 2.0 * way * math.tan(math.radians(divergence))
+        # the beam up to still water [m]: length, centre of its spot, radius at twice the divergence
+        length = t.depth / t.axis[2]
+        spot = np.array(t.center[:2]) + length * np.array(t.axis[:2])
+        radius = t.size + 2.0 * length * math.tan(math.radians(divergence))
         _, b = link.water.profile(np.linspace(0.0, t.depth, 65))
-        turned = float(np.mean(b)) * (1.0 - link.water.phase.mean_cosine) * way
-        if math.dist(spot, f.center) + width > 0.25 * f.fine_extent or turned > _CLEAR:
+        transport_depth = float(np.mean(b)) * (1.0 - link.water.phase.mean_cosine) * length
+        if math.dist(spot, f.center) + radius > 0.25 * f.fine_extent or transport_depth > _CLEAR:
             return False
     return True
 
 
 def _resolving(
-    link: Link, surface: SurfaceModel, f: Footprint, per_wave: float, time: float, lit_share: float
+    link: Link, surface: SurfaceModel, f: Footprint, per_wave: float, time: float, fine_patch: float
 ) -> Footprint:
     """Return a footprint whose fine part resolves the waves where unscattered light crosses.
 
-    The lines move apart by 10 % each outside. Where that takes more than `_MOST_LIT` facets the
-    footprint stays as it is.
+    Outside, each spacing is 10 % wider than the last (`triangulate.GROWTH`). A footprint that would
+    need more than `_MOST_IN_PATCH` facets stays as it is.
     """
     k2, slopes = _slopes_by_wave(surface)
     shortest = math.sqrt(float(k2[slopes > 0.0].max(initial=0.0)))
     spacing = f.spacing if shortest * f.spacing <= per_wave else per_wave / shortest
-    # of many surfaces the mean is wanted, in which errors of single meshes cancel
+    # studies of many surfaces average: the errors of single meshes cancel
     single = per_wave <= GAIN_SPACING
     if spacing == f.spacing and not single:
         return f
-    # slopes of all waves carry the crossings aside, those that the mesh leaves to chance as well
-    beyond = getattr(surface, "unresolved_slopes", lambda _: None)(spacing)
-    random = (0.0, 0.0) if beyond is None else beyond.vertex
-    # half of the variance: that of one component
+    # all slopes displace the crossings: those of the waves, and the random ones beyond the mesh
+    unresolved = getattr(surface, "unresolved_slopes", lambda _: None)(spacing)
+    # (along, across the wind)
+    random = (0.0, 0.0) if unresolved is None else unresolved.vertex
+    # half of the total variance: that of one component
     center, half = link.lit_patch(math.sqrt(0.5 * (float(slopes.sum()) + sum(random))))
-    half *= lit_share
+    half *= fine_patch
     if single:
+        # they blur: the smaller of both components is on the safe side
         tilts = math.sqrt(min(random)) if link.physics.unresolved == "tilt" else 0.0
         curvature, change = _curvature(surface, center, half, time)
-        # two facets a cell: the spacing at which the patch takes all the facets allowed
+        # with two facets a cell, the spacing at which the patch has `_MOST_FINER` of them
         finest = 2.0 * half * math.sqrt(2.0 / _MOST_FINER)
-        spacing = min(spacing, max(_accurate(link, curvature, change, tilts), finest))
+        spacing = min(spacing, max(_accurate_spacing(link, curvature, change, tilts), finest))
     if spacing == f.spacing:
         return f
-    if 2.0 * (2.0 * half / spacing) ** 2 > _MOST_LIT:
+    if 2.0 * (2.0 * half / spacing) ** 2 > _MOST_IN_PATCH:
         # Nyquist: lines resolve waves of k h <= pi
         short = float(slopes[np.sqrt(k2) * f.spacing > math.pi].sum() / slopes.sum())
         if short > _TOO_SHORT:
@@ -233,13 +240,16 @@ def _resolving(
                 stacklevel=4,
             )
         return f
-    # about another centre, and still over all that the footprint covered
+    # the centre moves to that of the patch: widened, to cover the former footprint still
     extent = f.extent + math.dist(center, f.center)
     return Footprint(center, extent, spacing, half, f.coarse_spacing)
 
 
 def _slopes_by_wave(surface: SurfaceModel) -> tuple[Floats, Floats]:
-    """Return k^2 and the slope variance of each wave of a sum."""
+    """Return k^2 [m-2] and the slope variance of each wave of a sum, (waves,) each.
+
+    A surface that is no sum counts as one wave of k = 0, which needs no finer mesh.
+    """
     if not isinstance(surface, WaveSum):
         return np.zeros(1), np.array([_SLOPES_UNKNOWN])
     waves = surface.components
@@ -251,57 +261,58 @@ def _slopes_by_wave(surface: SurfaceModel) -> tuple[Floats, Floats]:
 def _curvature(
     surface: SurfaceModel, center: tuple[float, float], half: float, time: float
 ) -> tuple[float, float]:
-    """Return the root mean square second and third derivatives [m-1, m-2] where light crosses."""
+    """Return the rms second and third derivatives of the height [m-1, m-2] where light crosses."""
     if isinstance(surface, WaveSum):
         k2, slopes = _slopes_by_wave(surface)
         return math.sqrt(float(np.sum(slopes * k2))), math.sqrt(float(np.sum(slopes * k2**2)))
-    # differences of the exact slopes, on a grid over the light
+    # Differences of the exact slopes on a grid over the patch. Mixed second differences are left
+    # out, so that the third derivative of waves along a diagonal is too small by sqrt(2).
     step = half / _NODES
     x, y = (middle + np.linspace(-half, half, 2 * _NODES + 1) for middle in center)
-    slopes = np.stack(surface.slopes(*np.meshgrid(x, y, indexing="ij"), time))
+    slopes = np.stack(surface.slopes(*np.meshgrid(x, y, indexing="ij"), time))  # (2, x, y)
     first, second = (
         sum(float(np.mean(np.diff(slopes, n, axis=axis) ** 2)) for axis in (1, 2)) for n in (1, 2)
     )
-    # the mean is over both components of the slope: twice it is their sum
+    # the mean runs over the two components of the slope as well: twice the mean is their sum
     return math.sqrt(2.0 * first) / step, math.sqrt(2.0 * second) / step**2
 
 
-def _accurate(link: Link, curvature: float, change: float, tilts: float) -> float:
-    r"""Return the spacing that keeps the error of unscattered light below `_MESH_ERROR`.
+def _accurate_spacing(link: Link, curvature: float, curvature_change: float, tilts: float) -> float:
+    r"""Return the spacing [m] that keeps the error of unscattered light below `_MESH_ERROR`.
 
     Parameters
     ----------
     link : Link
         The link.
-    curvature, change : float
-        Root mean square second and third derivative of the surface [m-1, m-2].
+    curvature, curvature_change : float
+        Rms second and third derivatives of the surface [m-1, m-2], kappa and kappa'.
     tilts : float
-        Standard deviation of the random slopes.
+        Standard deviation sigma of the random slopes, 0 without.
 
     Notes
     -----
     .. math:: \delta \approx 0.35 \beta \kappa' h / \sqrt{1 + (4 \rho / h)^2}, \quad
         \beta = \beta_0 / \sqrt{1 + (\beta_0 \kappa)^2}
 
-    A facet has one curvature, that of a place up to h / 2 away, and curvature focuses light by
-    beta_0 kappa, beta_0 the displacement of a crossing by a unit of slope. The aperture as seen
-    from the source and the random slopes average over a radius rho,
-    rho^2 = seen^2 + (beta_0 sigma)^2. Fitted to finer meshes: 0.7 to 4 times the root mean square
-    error over sinusoids and seas of h = 0.03 to 0.1 m.
+    The curvature of a facet stands for that of places up to h / 2 away, h the spacing. Curvature
+    focuses light by beta_0 kappa, beta_0 the displacement of a crossing by a unit of slope. The
+    aperture as seen from the source and the random slopes average over a radius rho,
+    rho^2 = seen^2 + (beta_0 sigma)^2. The formula is fitted to finer meshes: it is 0.7 to 4 times
+    the rms error over sinusoids and seas of h = 0.03 to 0.1 m.
     """
     fine = math.inf
-    # lever: beta_0 of a source and a receiver, seen: the radius of its aperture at the surface
+    # of each pair of ends: lever is beta_0, seen the radius of the aperture at the surface [m]
     for _, lever, seen in link.crossings():
         focus = lever / math.hypot(1.0, lever * curvature)
-        q = _MESH_ERROR / max(0.35 * focus * change, 1e-300)
-        wide = 8.0 * math.hypot(seen, lever * tilts)
-        # the equation of the notes solved for h, a quadratic in h^2
-        fine = min(fine, math.sqrt(0.5 * q * (q + math.hypot(q, wide))))
+        q = _MESH_ERROR / max(0.35 * focus * curvature_change, 1e-300)
+        eight_rho = 8.0 * math.hypot(seen, lever * tilts)
+        # the equation of the notes solved for h: h^4 = q^2 (h^2 + 16 rho^2)
+        fine = min(fine, math.sqrt(0.5 * q * (q + math.hypot(q, eight_rho))))
     return fine
 
 
 def _require_size(f: Footprint, meshing: Meshing) -> None:
-    """Refuse a mesh with too many facets before its creation.
+    """Refuse a mesh that would have too many facets, before its creation.
 
     The fine and the coarse part are counted as full squares of two facets a cell.
     """
@@ -311,16 +322,17 @@ def _require_size(f: Footprint, meshing: Meshing) -> None:
     else:
         coarse = max(f.coarse_spacing, fine)
         cells = (min(f.fine_extent / fine, _MOST_CELLS), min(f.extent / coarse, _MOST_CELLS))
-        # estimated, not made: the mesh itself may not fit into memory
+        # 8: two facets a cell over full widths, twice the half-widths
         facets = 8.0 * (cells[0] ** 2 + cells[1] ** 2)
     if facets > _MOST_FACETS:
+        # some 250 bytes a facet
         size = Described(f"{facets / 1e6:.3g} million facets, some {facets * 250e-9:.2g} GB")
         allowed = f"at most {_MOST_FACETS / 1e6:g} million facets; larger spacing or smaller extent"
         raise Refused("mesh", size, allowed)
 
 
 def require_cover(link: Link, mesh: TriangleMesh) -> None:
-    """Refuse a mesh that does not reach over the link, or reaches a source or a receiver."""
+    """Refuse a mesh that does not cover all ends, or whose waves reach a source or a receiver."""
     low, high = mesh.bounds
     for path, item in link.items():
         x, y, z = item.center
@@ -334,7 +346,8 @@ def require_cover(link: Link, mesh: TriangleMesh) -> None:
         if 0.0 < z <= high[2]:
             allowed = f"above the highest crest, height > {high[2]:.3g} m"
             raise Refused(f"{path}.height", Described(f"{z:g} m"), allowed)
-        # rays start at the other ends, and need room up to the waves
+        # apertures in the water only count what passes; rays start or end at all others, and need
+        # some room before the waves
         if isinstance(item, WaterAperture):
             continue
         least = link.least_distance

@@ -47,8 +47,9 @@ __all__ = [
 ]
 
 BLOCK = 4096
-"""Photons whose scores are added first: fixed, so that sums do not depend on the chunks."""
+"""Photons of a partial sum of scores: fixed, so that rounding does not depend on the chunks."""
 
+# up to 2^53 a float64 holds every integer
 _Count = Annotated[int, Field(ge=0, le=2**53)]
 
 
@@ -88,7 +89,7 @@ class Estimator(
 
     default_photons: ClassVar[int]
     least_photons: ClassVar[int] = 1
-    most_photons: ClassVar[int]  # that a relative tolerance may ask for
+    most_photons: ClassVar[int]  # upper limit of the number chosen for a relative tolerance
 
 
 class Forced(Estimator, frozen=True):
@@ -103,7 +104,7 @@ class Forced(Estimator, frozen=True):
     kind: Literal["forced"] = "forced"
 
     default_photons: ClassVar[int] = 10_000
-    least_photons: ClassVar[int] = SHIFTS
+    least_photons: ClassVar[int] = SHIFTS  # one for each group of the standard error
     most_photons: ClassVar[int] = 2**20
 
 
@@ -139,7 +140,7 @@ class Record(Family, frozen=True, closed="records are closed: the kernels tally 
 
 
 class Arrivals(Record, frozen=True):
-    """Record of every row of light at an aperture: `arrivals` of a result, an `ArrivalTally`."""
+    """Record of each arrival at an aperture: `arrivals` of a result, an `ArrivalTally`."""
 
     kind: Literal["arrivals"] = "arrivals"
 
@@ -169,8 +170,8 @@ class IrradianceMap(Record, frozen=True):
     fov_deg: float = Field(default=180.0, gt=0.0, le=180.0, allow_inf_nan=False)
 
     @model_validator(mode="after")
-    def _some_cells(self) -> Self:
-        # at still water a wave may be on either side of the plane
+    def _check_plane(self) -> Self:
+        # a plane at still water lies in the air at one place and in the water at another
         if self.height == 0.0:
             raise Refused("height", self.height, "> 0 in the air, < 0 in the water")
         if not self.step <= 2.0 * self.extent <= 10_000 * self.step:
@@ -181,16 +182,16 @@ class IrradianceMap(Record, frozen=True):
     @property
     def n(self) -> int:
         """Cells along each axis."""
-        # 2 extent / step may be a whole number but for rounding
+        # 1e-9: no further cell where 2 extent / step exceeds a whole number by rounding alone
         return math.ceil(2.0 * self.extent / self.step - 1e-9)
 
     @property
     def axes(self) -> Floats:
-        """Centres of the cells along x, and along y [m]."""
+        """Centres of the cells [m], (n,), the same along x and along y."""
         return np.asarray(-self.extent + self.step * (np.arange(self.n) + 0.5), np.float64)
 
 
-# `Inside` takes a value as it is: the model that has the field checks it, with the same text
+# `Inside`: `simulate` passes the value on unchecked, and the model with the field checks it
 class Shortcuts(TypedDict, total=False):
     """Keywords of `simulate` that are fields of `Meshing` or of an estimator, which check them."""
 
@@ -244,7 +245,7 @@ class RunOptions(TypedDict, total=False):
 class StudyOptions(RunOptions, total=False):
     """Options of a run as keywords of a study of many surfaces.
 
-    Those that are not given are those of the scenario, or else the defaults below.
+    Options that are left out come from the scenario, or else have the defaults below.
 
     Parameters
     ----------
@@ -295,6 +296,7 @@ class Run(Model, frozen=True):
     """
 
     estimator: FamilyField[Estimator] = converted(default=Forced())
+    # never None in a model: `_default_photons` fills it in
     photons: int = Field(default=None, ge=1, le=2**53)  # type: ignore[assignment]
     rtol: float | None = Field(default=None, ge=1e-6, le=1.0, allow_inf_nan=False)
     seed: int = Field(default=1, ge=0, lt=2**64)
@@ -304,12 +306,12 @@ class Run(Model, frozen=True):
     @classmethod
     def _gather(cls, data: Any) -> Any:
         """Move estimator options from the top level into the estimator."""
-        # nested options need no sorting
+        # options nested in a table of the estimator are in their place already
         if not isinstance(data, Mapping) or isinstance(data.get("estimator"), Mapping):
             return data
         rest = dict(data)
         chosen = "estimator" in rest
-        # named with its key: the error of a family knows the value alone
+        # raised again with the key of the field: the refusal by `read` does not know it
         try:
             estimator = Estimator.read(rest.pop("estimator", Forced()))
         except Refused as error:
@@ -317,22 +319,22 @@ class Run(Model, frozen=True):
         chosen_options = {key: rest.pop(key) for key in type(estimator).model_fields if key in rest}
         for other in Estimator.registered.values():
             for key in other.model_fields.keys() & rest.keys():
-                # files that hold all options hold those of the other estimator, too: unchanged ones
-                # say nothing, others would have no effect without a word
+                # A file with all options also has those of the other estimator: defaults pass,
+                # but another value, which would silently have no effect, is refused.
                 if rest.pop(key) != other.model_fields[key].default:
                     kind = other.model_fields["kind"].default
                     raise Refused(key, data[key], f'only with estimator = "{kind}"')
         require_keys(rest, run_keys())
-        # unset fields follow the surface, which may need the other estimator
+        # left unset, so that a surface with overhangs can still choose the analog estimator
         if not chosen and not chosen_options:
             return rest
         return {**rest, "estimator": estimator.replace(**chosen_options)}
 
     @model_validator(mode="after")
     def _default_photons(self) -> Self:
-        # the number suits the estimator, which the surface may still change
+        # the default depends on the estimator, which the surface may still change
         if self.photons is None:
-            # not through the model: the field stays unset and follows another estimator
+            # around pydantic: the field counts as unset, so that another estimator renews it
             self.__dict__["photons"] = self.estimator.default_photons
         least = self.estimator.least_photons
         if self.photons < least:
@@ -367,7 +369,7 @@ def read_records(record: Iterable[Any], estimator: Estimator) -> dict[str, Recor
         If there are two of a kind, or a map with the forced estimator.
     """
     records: dict[str, Record] = {}
-    # one record, or a name, is as good as a list of one; a text is no list of its letters
+    # one record, or its name, counts as a list of one; list() would split a name into letters
     try:
         items = [record] if isinstance(record, Record | str) else list(record)
     except TypeError as error:
@@ -378,7 +380,7 @@ def read_records(record: Iterable[Any], estimator: Estimator) -> dict[str, Recor
         except Refused as error:
             raise error.inside("record", i) from None
         kind = read.model_dump()["kind"]
-        # results have one place for each kind
+        # a result has one field for each kind of record
         if kind in records:
             raise Refused(f"record[{i}]", kind, "one record of a kind")
         if isinstance(read, IrradianceMap) and not isinstance(estimator, Analog):
@@ -398,22 +400,22 @@ class Case(NamedTuple):
     surface: MeshSource | TriangleMesh
     run: Run = Run()
     meshing: Meshing = Meshing()
-    origin: Mapping[str, Any] = MappingProxyType({})
+    origin: Mapping[str, Any] = MappingProxyType({})  # added to the provenance of results
 
     def with_options(self, mesh: Meshing | None = None, **options: Any) -> Case:
         """Return the case with fields of `Run`, of its estimator and of `Meshing` replaced."""
-        # a misspelt name is compared with all names, before the models see their own
+        # checked against all names first, so that the hint at a misspelt one covers every model
         require_keys(options, list(dict.fromkeys([*Meshing.model_fields, *run_keys()])))
         fields = {key: options.pop(key) for key in Meshing.model_fields if key in options}
         meshing = (self.meshing if mesh is None else mesh).replace(**fields)
         return self._replace(run=self.run.replace(**options), meshing=meshing)
 
     def with_waves(self, fading: bool = False) -> Case:
-        """Return the case over the sea with the waves that its mesh holds.
+        """Return the case with `meshing.waves` moved into its sea, as the band that a mesh holds.
 
-        `fading` says whether the answer of the study is about fading, see `resolve_band`.
+        `fading` tells `resolve_band` whether the study is about fading.
         """
-        # part of the sea from here on: links derived from this one keep the waves
+        # fixed in the sea, so that links derived from this one use the same waves
         surface = resolve_band(self.link, self.surface, self.meshing.waves, fading)
         return self._replace(surface=surface, meshing=self.meshing.replace(waves=None))
 
@@ -425,7 +427,7 @@ class Case(NamedTuple):
 
 @runtime_checkable
 class HasCase(Protocol):
-    """A description that holds link, surface and options, such as a Scenario."""
+    """Protocol of objects with a link, surface and options, such as a `Scenario`."""
 
     def case(
         self,
@@ -483,5 +485,5 @@ def resolve(
         wind_speed = DEFAULT_WIND_SPEED if link.wind_speed is None else link.wind_speed
         surface = sea_in_wind(wind_speed)
     require_surface(surface)
-    # options before waves: which waves a mesh holds is one of them
+    # options first: `waves` is one of them
     return Case(link, surface).with_options(mesh, **options).with_waves(fading)

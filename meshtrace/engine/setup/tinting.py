@@ -1,6 +1,8 @@
-"""Wavelengths of a link that share paths, and their waters as common functions.
+"""Choice of the wavelengths that share paths, and the functions that convert their weights.
 
-The weights of paths at other wavelengths are sums of these functions, see `kernels.tints`.
+A path is traced in the water of one wavelength, the base. The logarithm of its weight at another
+one is a linear combination of a few sums over the path; their integrands, which all wavelengths
+have in common, are called tints (`kernels.tints`).
 """
 
 from __future__ import annotations
@@ -17,14 +19,12 @@ from meshtrace.kernels.tints import ALONE, NO_TINTS, TINTS, Mixture, Tints, comm
 from meshtrace.link import Link
 from meshtrace.models import Floats
 
-_NODES = 2049  # depths of layered water
-_PER_LOG = 50.0  # cells per unit of the logarithm of the scattering angle
-_NONE = -700.0  # logarithm of no scattering: exp(-700) is almost the smallest float
-_CACHED = 512  # paths whose factors are formed together
-_EXACT = 1e-6  # error of a logarithm: of a scattering, and of the way through the water
-
-
-_ALONE = np.zeros((1, 0))
+_NODES = 2049  # depths in the tables of layered water; tuned
+_PER_LOG = 50.0  # cells per unit of ln(theta), theta the scattering angle: 2 % wide each
+_LEAST_LOG = -700.0  # stands for ln 0: exp(-700) is close to the smallest normal float
+_PATHS_AT_ONCE = 512  # paths whose factors are computed at a time, in the cache; tuned
+_MOST_ERROR = 1e-6  # of a logarithm of weights: for a scattering, and for the whole optical path
+_ONE_BASE = np.zeros((1, 0))  # densities of one base: the empty sum, ln 1
 
 
 class Tinting(NamedTuple):
@@ -35,31 +35,31 @@ class Tinting(NamedTuple):
     tints : Tints or None
         Common functions, in the frame of the link; None at one wavelength.
     shares : ndarray, shape (wavelengths, tints)
-        Their coefficients.
-    bases : list of int
-        Wavelengths whose photons are followed in turn, in place of those of the one link.
+        Coefficients: ln(w_j / w) = shares[j] . t for a path with the sums t of the tints.
+    bases : tuple of int
+        Wavelengths at which photons are traced in turn; empty if all are traced at one.
     density : ndarray, shape (bases, tints)
-        Coefficients of the densities with which these draw a path.
+        Coefficients of the logarithms of the probability densities of a path at each of the bases.
     """
 
     tints: Tints | None
     shares: Floats
     bases: tuple[int, ...] = ()
-    density: Floats = _ALONE
+    density: Floats = _ONE_BASE
 
     def factors(self, sums: Floats) -> Floats:
         """Return the factors (wavelengths, paths) on the weights of paths, exp(shares . sums).
 
-        `sums` (paths, tints or more) of the common functions over each path.
+        `sums` (paths, tints or more) are those of the tints along each path.
         """
         if not self.shares.any():
             return np.ones((len(self.shares), len(sums)))
         factors = np.zeros((len(self.shares), len(sums)))
-        # a block at a time, which stays in the cache of a core up to its exponential
-        for i in range(0, len(sums), _CACHED):
-            block = factors[:, i : i + _CACHED]
-            terms = np.array(sums[i : i + _CACHED].T, order="C")
-            # paths have room for all functions that kernels can sum up: further columns are 0
+        # by blocks, which stay in the cache of a core from the sums to the exponential
+        for i in range(0, len(sums), _PATHS_AT_ONCE):
+            block = factors[:, i : i + _PATHS_AT_ONCE]
+            terms = np.array(sums[i : i + _PATHS_AT_ONCE].T, order="C")
+            # arrivals have room for the most tints that kernels sum up: further columns are unused
             for share, term in zip(self.shares.T, terms, strict=False):
                 block += share[:, None] * term
             np.exp(block, out=block)
@@ -68,11 +68,13 @@ class Tinting(NamedTuple):
     def mixed(
         self, sums: Floats, base: int, parts: Floats, importance: Floats | None = None
     ) -> Floats:
-        """Return the factors (wavelengths, paths) on the weights of paths of one of the bases.
+        """Return the factors (wavelengths, paths) on the weights of paths traced at one base.
 
-        `parts` (bases,) are the shares of the photons. The balance heuristic counts a path with the
-        density of the mixture: no wavelength between the bases lacks paths. Photons of a weight
-        window are as dense as their light over its importance (bases,) at the start.
+        By the balance heuristic, which divides by the mean density of a path over all bases: thus
+        no wavelength between the bases lacks paths. `sums` as for `factors`; `base` is an index
+        into `bases`; `parts` (bases,) are the fractions of the photons traced at each. Under a
+        weight window, photons are as dense as their weight over the window's `importance` (bases,)
+        at the start of the path.
         """
         if not self.bases:
             return self.factors(sums)
@@ -80,16 +82,16 @@ class Tinting(NamedTuple):
         drawn = self._replace(shares=by_base).factors(sums)
         if importance is not None:
             drawn /= importance[:, None]
-        # weights are over the base that drew the path, whose own factor is one
+        # weights relative to the base that drew the path, which has the factor 1
         relative = self._replace(shares=self.shares - self.shares[self.bases[base]])
         factors: Floats = relative.factors(sums)
-        # balance heuristic (Veach and Guibas 1995): p_base / sum_i parts_i p_i; no 0 / 0 for paths
-        # whose densities all underflow
+        # balance heuristic (Veach and Guibas 1995): p_base / sum_i parts_i p_i; 1e-300: no 0 / 0
+        # for paths whose densities all underflow
         factors *= drawn[base] / np.maximum(np.einsum("i,ij->j", parts, drawn), 1e-300)
         return factors
 
     def mixture(self, base: int, parts: Floats) -> Mixture:
-        """Return the weights of the photons of one base, for kernels."""
+        """Return the weights of photons traced at one base, for kernels; see `mixed`."""
         if not self.bases:
             return ALONE._replace(shares=np.ascontiguousarray(self.shares.T))
         shares = np.ascontiguousarray((self.shares - self.shares[self.bases[base]]).T)
@@ -97,14 +99,14 @@ class Tinting(NamedTuple):
 
     @property
     def follows(self) -> bool:
-        """Whether photons can sum up all functions: few, and of bubbles alike in number."""
+        """Whether photons can sum up all tints: not too many, and none for bubbles' attenuation."""
         if self.tints is None:
             return True
         return len(self.tints.c) <= TINTS and not self.tints.bubble_c.any()
 
 
 UNTINTED = Tinting(NO_TINTS, np.zeros((1, 0)))
-"""Weights at one wavelength, that of the paths."""
+"""Weights at the wavelength of the paths alone."""
 
 
 class CommonPaths(NamedTuple):
@@ -115,15 +117,17 @@ class CommonPaths(NamedTuple):
     links : list of Link
         The link at each wavelength.
     wavelengths : list of int
-        Positions of these links in the list that they were chosen from.
+        Indices of these links in the list that they were chosen from.
     ratios : list of float
-        Their scattering coefficients over that of the base.
+        Their mean scattering coefficients relative to that of the base.
     tinting : Tinting
         Weights of the paths at each wavelength.
     bases : list of Link
-        Links that have the paths: one, or those of the smallest and the largest index of the water.
+        Links on whose refractive indices paths are traced: one, or the base link with the smallest
+        and with the largest index of the water.
     shares : ndarray, shape (wavelengths,)
-        Weight of the second base in the gain of each wavelength, 1 - that of the first.
+        Weight of the second of `bases` in the gain of each wavelength; the first has the rest.
+        Gains are linear in the index.
     """
 
     links: list[Link]
@@ -134,7 +138,7 @@ class CommonPaths(NamedTuple):
     shares: Floats
 
     def middle(self) -> Link:
-        """Return the base with the mean of the indices."""
+        """Return the base link with the mean of the smallest and the largest index."""
         first, last = self.bases[0], self.bases[-1]
         if len(self.bases) == 1:
             return first
@@ -142,39 +146,42 @@ class CommonPaths(NamedTuple):
 
 
 def paths_alone(link: Link, wavelength: int = 0) -> CommonPaths:
-    """Return the paths of one link at its own wavelength."""
+    """Return the paths of one link, for its wavelength alone."""
     return CommonPaths([link], [wavelength], [1.0], UNTINTED, [link], np.zeros(1))
 
 
 def tinting(
     base: Link, links: Sequence[Link], frame: Frame, bases: Sequence[int] = ()
 ) -> Tinting | None:
-    """Return the factors of links over a base that differs in water and bubbles alone.
+    """Return the weights at other wavelengths of paths of a base.
 
     Parameters
     ----------
-    base, links
-        The link whose paths are followed, and those whose weights they get.
+    base : Link
+        Link whose paths are traced.
+    links : sequence of Link
+        The link at each wavelength; it differs from the base in water and bubbles alone.
     frame : Frame
         Frame of the paths.
     bases : sequence of int
-        Links whose photons are followed in turn.
+        Indices of the links at whose wavelengths photons are traced in turn.
 
     Returns
     -------
     Tinting or None
-        None where the base has no paths of a link: where it does not scatter, or not by an angle.
+        None where the base lacks paths of a link: where it does not scatter, or not by some angle.
     """
-    # down to the deepest layer, and scaled by the way that light goes: the depth of the deepest end
+    # tables go down to the deepest layer; attenuations are scaled by the depth of the deepest end
     layers = [link.water.layers for link in (base, *links)]
     deepest = max((table[-1][0] for table in layers if table), default=0.0)
-    deep = max(-item.center[2] for _, item in base.items()) or 1.0  # of sun and sky: any length
+    # 1 m if no end lies in the water
+    deep = max(-item.center[2] for _, item in base.items()) or 1.0
     grid = np.linspace(0.0, max(deepest, 1e-3), _NODES) if deepest else np.array([0.0, 1.0])
     profiles = [np.broadcast_arrays(*link.water.profile(grid)) for link in (base, *links)]
-    waters = np.array(profiles).swapaxes(0, 1)  # a and b, links, nodes
+    waters = np.array(profiles).swapaxes(0, 1)  # (a and b, 1 + links, nodes)
     edges = np.exp(np.arange(math.log(SMALLEST_ANGLE), math.log(math.pi), 1.0 / _PER_LOG))
     middle = np.minimum(edges * math.exp(0.5 / _PER_LOG), math.pi)
-    # a phase function that all share has the ratio 1 at every angle: one cell says so
+    # with a phase function common to all, the ratio is 1 at every angle: one cell suffices
     phases = np.ones((len(links) + 1, 1))
     if any(link.water.phase != base.water.phase for link in links):
         phases = np.array([link.water.phase.pdf(middle) for link in (base, *links)])
@@ -184,32 +191,35 @@ def tinting(
         return None
     b, phase, bubble = (values for values in logs if values is not None)
     c = waters.sum(axis=0)
-    # ln w_j / w of a path: a sum over its scatterings and an integral over its way, all in one
-    # vector a link, so that one factorisation finds the functions that the links have in common.
-    # (c_j - c) times the depth has the size of the other logarithms: one tolerance suits all.
+    # ln(w_j / w) is a sum over the scatterings and an integral along the path (`kernels.tints`).
+    # All its tables form one vector for each link, so that one factorisation gives the common
+    # functions. (c_j - c) times the depth is as large as the other logarithms, and has their
+    # tolerance.
     parts = [deep * (c[1:] - c[0]), b, phase, bubble, extra]
     whole = np.concatenate(parts, axis=1)
-    drawn = whole[list(bases)]  # absorption is a weight: it does not change what is drawn
+    # densities of paths: absorption is a weight and does not change what is drawn, thus b for c
+    drawn = whole[list(bases)]
     drawn[:, : c.shape[1]] = deep * (waters[1, 1:][list(bases)] - waters[1, 0])
-    shares, functions = common_functions(np.concatenate([whole, drawn]), _EXACT)
+    shares, functions = common_functions(np.concatenate([whole, drawn]), _MOST_ERROR)
     shares, density = shares[: len(whole)], shares[len(whole) :]
     cuts = np.cumsum([part.shape[1] for part in parts])[:-1]
+    # tables of the tints, (tints, nodes or cells)
     c, b, phase, bubble, extra = np.split(functions, cuts, axis=1)
-    size = max(phase.shape[1], bubble.shape[1])
-    # contiguous, of one cell as of many: kernels are compiled for the layout of their arrays
-    phase, bubble = (np.broadcast_to(x, (len(x), size)).copy() for x in (phase, bubble))
+    cells = max(phase.shape[1], bubble.shape[1])
+    # contiguous copies: kernels are compiled for the layout of their arrays
+    phase, bubble = (np.broadcast_to(x, (len(x), cells)).copy() for x in (phase, bubble))
     step = float(grid[1]) / frame.unit
-    c = c * (frame.unit / deep)
+    c = c * (frame.unit / deep)  # back to an attenuation, per unit of the frame
     tints = Tints(step, c.copy(), integral(c, step), b.copy(), phase, extra[:, 0].copy(), bubble,
                   math.log(SMALLEST_ANGLE), _PER_LOG)  # fmt: skip
     return Tinting(tints, shares, tuple(bases), density)
 
 
 def _bubbles(base: Link, links: Sequence[Link], angle: Floats) -> tuple[Floats, Floats]:
-    """Return what bubbles scatter at each wavelength, over the scattering coefficient of the base.
+    """Return the scattering by bubbles at each wavelength, relative to that of the base.
 
-    The first array has b_j p_j(angle) / b, shape (1 + links, angles), the base first; the second
-    b_j / b - 1, shape (links, 1), which attenuates the way through the bubbles.
+    The first array is b_j p_j(angle) / b, shape (1 + links, angles), with the base first. The
+    second is b_j / b - 1, shape (links, 1): the relative excess of attenuation by bubbles.
     """
     populations = [link.bubbles for link in (base, *links) if link.bubbles is not None]
     first = base.bubbles
@@ -220,40 +230,42 @@ def _bubbles(base: Link, links: Sequence[Link], angle: Floats) -> tuple[Floats, 
     share = b[:, :1] / b[:1, :1]
     # paths are shared only where populations differ by a factor at every depth
     if not np.allclose(b, share * b[:1], rtol=1e-6):
-        none = np.ones((len(links) + 1, 1))
-        none[0] = 0.0  # other shapes: no path of the base is one of another
-        return none, np.zeros((len(links), 1))
+        unshared = np.ones((len(links) + 1, 1))
+        unshared[0] = 0.0  # a base without scattering makes `_logs` refuse the links
+        return unshared, np.zeros((len(links), 1))
     pdf = np.array([bubbles.phase_function().pdf(angle) for bubbles in populations])
     return share * pdf, share[1:] - 1.0
 
 
 def _logs(values: Floats) -> Floats | None:
-    """Return the logarithms of values (1 + links, n) over those of the base, the first ones.
+    """Return the logarithms of values (1 + links, n) relative to the first, those of the base.
 
-    None where a link has light that the base has not: no path of the base could bring it.
+    None if a link scatters where the base does not: no path of the base carries such light.
     """
     base, others = values[0], values[1:]
     if ((base == 0.0) & (others > 0.0)).any():
         return None
     ratio = np.divide(others, base, out=np.ones_like(others), where=base > 0.0)
-    # a finite floor: infinite logarithms times a coefficient of 0 are nan
-    return np.log(np.maximum(ratio, math.exp(_NONE)))
+    # a finite floor: -inf times a coefficient of 0 would be nan
+    return np.log(np.maximum(ratio, math.exp(_LEAST_LOG)))
 
 
-_OWN_PATHS = {"absorption": "paper", "free_path": "local_c"}  # forms whose weights are no products
-_APART = 2.5  # distance of bases in turn, in standard deviations of the number of scatterings
-_MOST_BASES = 4
+# forms of `Physics` under which the weight of a path is no product over its parts
+_NO_PRODUCTS = {"absorption": "paper", "free_path": "local_c"}
+_APART = 2.5  # distance of bases, in standard deviations of the number of scatterings; tuned
+_MOST_BASES = 4  # tuned
 
 
 def common_paths(links: Sequence[Link], base: int, waiting: Sequence[int]) -> CommonPaths:
-    """Return the waiting links that can share the paths of a base, all if possible.
+    """Return those of the waiting links that can share the paths of a base, all if possible.
 
-    Photons are those of several of them in turn if they can sum up the functions of these.
+    `base` and `waiting` are indices into `links`. Photons are traced at several of the wavelengths
+    in turn if they can sum up the tints of these.
     """
     first, frame = links[base], frame_of(links[base])
     candidates = [i for i in waiting if i == base or _is_alike(first, links[i])]
     weights = tinting(first, [links[i] for i in candidates], frame) if len(candidates) > 1 else None
-    # one link without common paths spoils the table of all: only then each is tried alone
+    # a single link without common paths makes `tinting` fail for all: then each is tried alone
     if weights is None:
         candidates = [i for i in candidates if tinting(first, [links[i]], frame) is not None]
         weights = tinting(first, [links[i] for i in candidates], frame)
@@ -268,19 +280,21 @@ def common_paths(links: Sequence[Link], base: int, waiting: Sequence[int]) -> Co
         turns = _in_turn(alike)
         several = tinting(first, alike, frame, turns) if len(turns) > 1 else None
         weights = several if several is not None and several.follows else weights
-    shares = (index - low) / (high - low or 1.0)
+    shares = (index - low) / (high - low or 1.0)  # 0 for equal indices
     return CommonPaths(alike, candidates, ratios, weights, bases, shares)
 
 
 def _in_turn(links: Sequence[Link]) -> list[int]:
-    """Return the links whose photons are followed in turn, the one that scatters most first.
+    """Return the indices of links whose photons are traced in turn, strongest scattering first.
 
-    Numbers of scatterings of neighbours, of about the Poisson law, overlap.
+    They are so close that the distributions of their numbers of scatterings, roughly Poisson laws,
+    overlap.
     """
     depth = max(-item.center[2] for _, item in links[0].items())
-    # 2 N^(1/2) of a Poisson number N has a standard deviation of about 1 at any mean
+    # 2 sqrt(N) of a Poisson number N has a standard deviation of about 1, whatever its mean
     root = np.array([2.0 * math.sqrt(scattering(link)[0] * depth) for link in links])
     apart = float(root.max() - root.min())
+    # a tenth of a distance more does not take a further base
     number = 1 + min(math.ceil(apart / _APART - 0.1), _MOST_BASES - 1)
     wanted = np.linspace(root.max(), root.min(), number)
     return list(dict.fromkeys(int(np.abs(root - level).argmin()) for level in wanted))
@@ -288,10 +302,10 @@ def _in_turn(links: Sequence[Link]) -> list[int]:
 
 def _is_alike(first: Link, link: Link) -> bool:
     """Return whether two links differ in the wavelength, water and bubbles alone."""
-    # the bottom reflects alike at all wavelengths, and is met where the photons of the base meet it
-    floor = [(w.bottom_depth, w.bottom_albedo) for w in (first.water, link.water)]
-    printed = any(getattr(link.physics, name) == form for name, form in _OWN_PATHS.items())
-    if printed or (first.bubbles is None) != (link.bubbles is None) or floor[0] != floor[1]:
+    # tints have no term for reflections by the bottom: its depth and albedo must be equal
+    bottom, other_bottom = ((w.bottom_depth, w.bottom_albedo) for w in (first.water, link.water))
+    printed = any(getattr(link.physics, name) == form for name, form in _NO_PRODUCTS.items())
+    if printed or (first.bubbles is None) != (link.bubbles is None) or bottom != other_bottom:
         return False
     if len(first.transmitters) != len(link.transmitters):
         return False
@@ -303,12 +317,15 @@ def _is_alike(first: Link, link: Link) -> bool:
 
 
 def clearest(links: Sequence[Link]) -> Link:
-    """Return the link whose light reaches farthest: the mesh of all is fine and wide enough."""
+    """Return the link of least absorption, whose light reaches farthest: its mesh suits all."""
     return min(links, key=lambda link: link.water.a)
 
 
 def scattering(link: Link) -> tuple[float, float]:
-    """Return the mean scattering coefficient above the deepest end, and less absorption."""
+    """Return the mean scattering coefficient and minus the mean absorption [m-1], a sort key.
+
+    The means are from still water to the deepest end; of equal scattering less absorption is first.
+    """
     deepest = max(-item.center[2] for _, item in link.items())
     a, b = mean_water(link.water, deepest)
     if link.bubbles is not None:
@@ -319,11 +336,12 @@ def scattering(link: Link) -> tuple[float, float]:
 def photon_paths(
     links: Sequence[Link], waiting: Sequence[int], chains: bool = False
 ) -> tuple[int, CommonPaths]:
-    """Return the base of the waiting links that scatters most, and those with its paths.
+    """Return the waiting link that scatters most as base, and the links that share its paths.
 
-    Photons sum up few functions, and none of bubbles that differ in number; `chains` all.
+    `waiting` and the base are indices into `links`. Photons share paths only if they can sum up the
+    tints (`Tinting.follows`); `chains` sum up any.
     """
-    # paths of the link that scatters most have all orders of scattering of the others
+    # its paths have every order of scattering that the others need
     base = max(waiting, key=lambda i: scattering(links[i]))
     paths = common_paths(links, base, waiting)
     if not (chains or paths.tinting.follows):
