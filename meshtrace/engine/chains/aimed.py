@@ -468,12 +468,13 @@ class AimedChains:
 
     def blur(self, scene: Scene) -> float:
         """Return the width of the light of one facet on the aperture, one standard deviation."""
-        # a slope s turns steep light by (n - 1) s, reflected light by 2 s; the smaller of the widths
-        # along and across wind
+        # a slope s turns steep light by (n - 1) s, and reflected light by 2 s; the smaller of the
+        # widths along and across wind
         n = scene.medium.n_water / scene.medium.n_air
         turn = 2.0 if scene.reflects else abs(n - 1.0)
-        height = abs(scene.target.center.z) - self._waves
-        return float(turn * max(height, 1e-6) * min(self.surface.roughness[:2]))
+        low, high, z = scene.surface.low[2], scene.surface.high[2], scene.target.center.z
+        height = max(float(low - z if scene.reflects else z - high), 1e-6)
+        return float(turn * height * min(self.surface.roughness[:2]))
 
     def take_points(self, source: int, receiver: int) -> None:
         """Take one point for an aperture over which blurred light does not change.

@@ -192,7 +192,7 @@ def resolved_reach(link: Link, estimator: Estimator) -> float:
 
 
 def _targets(link: Link, frame: arrays.Frame) -> list[Target]:
-    """Return the ends that light is aimed at as targets, with the reach beyond which light is negligible."""
+    """Return the ends that light is aimed at, with the reach beyond which light is negligible."""
     # absorption of the clearest layer bounds the reach from above
     water = link.water
     a = water.a if water.layers is None else min(row[1] for row in water.layers)
