@@ -223,7 +223,7 @@ class ForcedDetection:
         for by_wavelength, receivers in groups:
             for i, by_photons in enumerate(by_wavelength):
                 gains[i] = gains[i].with_photons(by_photons, receivers)
-                chains = gains[i].counts.drawn  # photons are numbered after all chains
+                chains = gains[i].counts.drawn  # photons are numbered after scattering chains
                 tables[i] += [table.moved(receivers, chains) for table in by_photons.table]
         if record:
             whole = map(ArrivalTally.concatenated, tables)
@@ -244,8 +244,8 @@ class ForcedDetection:
         dark = [pair for pair in link.pairs if pair not in exact]
         served = [pair for pair in link.pairs if self.method[link.receiver(*pair)] == "chains"]
         chain_jobs = parts.chain_jobs(served, self.scattered_sets)
-        # without scattered light the error of the quadrature is all there is, see `add_direct`
-        unscattered_only = not self.plan.chains and self.plan.joined is None
+        # without chains and joined photons, whose groups scatter far more, see `add_direct`
+        alone = not self.plan.chains and self.plan.joined is None
         # one queue for facets and chains: a thread that is done with facets takes up chains
         jobs: list[Any] = [partial(self._source_gains, aimed, *pair) for pair in exact]
         jobs += [partial(self._scores, aimed, job) for job in chain_jobs]
@@ -254,8 +254,8 @@ class ForcedDetection:
         for pair in exact:
             from_points, error = next(results)
             gain = from_points.mean(axis=1).T  # (wavelengths, 1 or SHIFTS)
-            # the error where a view ends within the aperture counts even beside scattered light
-            in_groups = unscattered_only or aimed.meets_rim(*pair)
+            # the error where a view ends within the aperture counts even beside chains
+            in_groups = alone or aimed.meets_rim(*pair)
             gains.add_direct(link.receiver(*pair), link.share(*pair) * gain, error, in_groups)
             cut_short += aimed.is_cut_short(*pair)
             # an extended source is sampled at random points, with a value for each shift
