@@ -46,10 +46,9 @@ FEW_PHOTONS = 100.0
 """Effective photons of an aperture below which a wavelength does not share those of another."""
 
 _FEW_SHARE = {"chains": 0.1, "joined photons": 0.15, "analog photons": 0.1}
-"""Effective sample size over the number of samples below which a warning is due, too.
+"""Effective sample size over the number of samples: a warning needs it to be lower than this, too.
 
-A run of few photons is not warned of if it is efficient: that its result is uncertain is known.
-Scores of joined photons have the heavier tails."""
+That a run of few samples is uncertain is known. Scores of joined photons have heavier tails."""
 # least number of analog photons that bound a gain where chains bring no light; tuned: time, or a
 # bound too far above any gain to be of use
 _BOUND_PHOTONS = 2**18
