@@ -160,7 +160,7 @@ def _normal_to(p, d, goal, scene):
     A facet that reflects has the normal d - r, as if both indices were 1.
     """
     target = scene.target
-    n_before, n_behind = _indices(scene)
+    n_before, n_behind = indices(scene)
     at = along(along(target.center, target.e1, goal.x), target.e2, goal.y)
     way = minus(at, p)
     flight = norm(way)
@@ -172,7 +172,7 @@ def _normal_to(p, d, goal, scene):
 
 
 @inlined
-def _indices(scene):
+def indices(scene):
     """Return the weights of the directions before and behind a facet in its normal, `_normal_to`.
 
     Array twin: none, a choice.
@@ -207,7 +207,7 @@ def slope_towards(p, n, w, d, length, goal, scene):
     if square > MOST_SLOPE * MOST_SLOPE:
         return unreachable
     # dr/dx = (e - r (r.e)) / flight for either axis e of the aperture; k has all factors but a, b
-    k = _indices(scene)[1] / (flight * big.z * big.z)
+    k = indices(scene)[1] / (flight * big.z * big.z)
     a = along(scene.target.e1, r, -dot(r, scene.target.e1))
     b = along(scene.target.e2, r, -dot(r, scene.target.e2))
     # s = -N_xy / N_z with dN = -n_a dr: ds = n_a (dr_xy N_z - N_xy dr_z) / N_z^2
@@ -333,7 +333,7 @@ def _turn_within(p, h, scene):
     wide = h + scene.target.radius
     if h >= length or wide >= flight:
         return False, big, 0.0
-    n_before, n_behind = _indices(scene)
+    n_before, n_behind = indices(scene)
     return True, big, n_before * h / (length - h) + n_behind * wide / (flight - wide)
 
 
@@ -476,7 +476,7 @@ def _parts_along(part, rule, scene):
     # needs:
     # ds = n dr / N_z, dr = radius / flight, in the smaller standard deviation.
     big, _, flight = _normal_from_source(p, Vec2(0.0, 0.0), scene)
-    rough, n = scene.surface.roughness, max(*_indices(scene))
+    rough, n = scene.surface.roughness, max(*indices(scene))
     narrow = min(rough.along, rough.across)
     rim = 2.0 * n * scene.target.radius / (flight * max(big.z, 1e-9) * narrow)
     beyond = least - from_center * (change + rim)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from copy import copy
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ from meshtrace.engine.photons.targets import (
     JoinedWorld,
     Joins,
     Manifold,
+    SameSide,
     Window,
 )
 from meshtrace.engine.setup import arrays, ends
@@ -41,6 +43,7 @@ from meshtrace.kernels.sources import SourceKind, Sources
 from meshtrace.kernels.tally import ARRIVAL
 from meshtrace.kernels.tints import NO_TINTS
 from meshtrace.link import Link
+from meshtrace.link.link import SAME_SIDE
 from meshtrace.link.sources import AirLamp
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
@@ -69,6 +72,8 @@ _BOUNDARY = 3.4
 _GUIDES = 64  # targets at most to which directions are guided: their densities are sums over all
 _TOGETHER = 16  # targets up to which the arrivals of a whole block of photons fit the cache
 _ROOM = 32  # arrivals of a photon at each target, else a block is followed again
+_VISIBLE = 50.0  # [m], depth from which light comes back to the air at most
+_SEEN_SHARE = 0.1  # tuned: radius of the water about a receiver that counts as near, over the way
 _EVENTS = 10_000_000  # most events of a photon and its copies
 _OPAQUE = 1e4  # largest optical depth: diffuse photons collide up to its square times (1 - g)
 # options of the physics that joined photons need
@@ -126,12 +131,12 @@ class JoinedPhotons:
                 raise Refused(f"physics.{name}", getattr(link.physics, name), f'"{physical}"')
         # photons run backwards to a lamp, which they meet in a point
         for path, item in link.items():
-            if isinstance(item, AirLamp) and item.size > 0.0:
+            if link.direction == "down" and isinstance(item, AirLamp) and item.size > 0.0:
                 raise Refused(path, Described(f"a radius of {item.size:g} m"), ends.POINTS_ONLY)
         # delta tracking draws collisions at the largest rate of the water: too many in tiny steps
         medium = ends.expected_water(link, crest=0.0)
         rate = medium.b_max if medium.absorption == Absorption.CONTINUOUS else medium.c_max
-        most = rate * max(-item.center[2] for _, item in link.items())
+        most = rate * _way_in_water(link)
         if most > _OPAQUE:
             depth = Described(f"an optical depth of {most:.3g}, at its densest place")
             raise Refused("water", depth, f"up to {_OPAQUE:g}; {ends.ANALOG}")
@@ -207,10 +212,17 @@ class JoinedPhotons:
             gains.table.extend(ArrivalTally.concatenated(table) for table in tables)
         return gains.of_photons(self.photons).by_wavelength()
 
+    @property
+    def _same_side(self) -> SameSide | None:
+        """What photons need of ends on one side, None for those of a link that changes sides."""
+        return (
+            SameSide(self.link.direction == "under") if self.link.direction in SAME_SIDE else None
+        )
+
     def _runs(self, frame: arrays.Frame) -> list[_Run]:
         """Return the runs: one to all receivers in the air, or one from each in the water."""
         link = self.link
-        if link.direction == "up":
+        if link.direction != "down":
             # sorted, so that sums do not depend on the order in which receivers are listed
             order = sorted(range(len(link.receivers)), key=lambda i: repr(link.receivers[i]))
             targets = [ends.target_of(link.receivers[i], frame) for i in order]
@@ -256,7 +268,8 @@ class JoinedPhotons:
         joins = self._joins(surface, sources, run, frame, bins, facets)
         return JoinedWorld(
             0, np.uint64(self.seed), sources, surface, grid, medium,
-            arrays.interface_arrays(link), joins, manifold, _EVENTS, NO_TINTS, NO_BVH,
+            arrays.interface_arrays(link), joins, manifold, self._same_side, _EVENTS, NO_TINTS,
+            NO_BVH,
             np.zeros(1 + _COPIES, JOINED_PHOTON), np.zeros(0, ARRIVAL), np.zeros(1, np.int64),
         )  # fmt: skip
 
@@ -271,7 +284,7 @@ class JoinedPhotons:
         bubble = arrays.angle_table(link.bubbles.phase_function()) if link.bubbles else water
         # mean square of one component of the random slopes; `roughness` has standard deviations
         rough = 0.5 * (surface.roughness.along**2 + surface.roughness.across**2)
-        depth = max(-item.center[2] for _, item in link.items()) / frame.unit
+        depth = _way_in_water(link) / frame.unit
         a, b = (frame.unit * x for x in arrays.mean_water(link.water, frame.unit * depth))
         # transport coefficient b (1 - g): by it light forgets its direction
         turned = b * (1.0 - link.water.phase.mean_cosine)
@@ -295,7 +308,13 @@ class JoinedPhotons:
             )  # fmt: skip
         # crossings are drawn somewhat wider than slopes of waves and random ones carry them
         spread = _SPREAD * math.sqrt(rough + arrays.mean_square_slope(surface))
-        if rough > 0.0 and not window.diffuse and self._is_aimed(sources, run.targets, spread):
+        changes_sides = self._same_side is None
+        if (
+            rough > 0.0
+            and not window.diffuse
+            and changes_sides
+            and self._is_aimed(sources, run.targets, spread)
+        ):
             # beams onto targets: a collision turns light out of the range that slopes can bend back
             mean_share = _remaining_importance(water, link.water.n / link.n_air, spread)
             kappa = a + b * (1.0 - mean_share)
@@ -303,10 +322,13 @@ class JoinedPhotons:
         records = np.zeros(len(run.targets), TARGET)
         # area over which slopes spread light, per squared height: 2 pi sigma_a sigma_c (n - 1)^2
         blur = 2.0 * math.pi * surface.roughness.along * surface.roughness.across
-        blur *= (link.water.n / link.n_air - 1.0) ** 2
+        turn = 2.0 if link.direction == "under" else link.water.n / link.n_air - 1.0
+        blur *= turn**2
         records["first"] = run.first
         for row, target, part in zip(records, run.targets, run.share, strict=True):
             _fill(row, target, part, 1.0 / max(a + b, 1e-300))  # no division by 0 in clear water
+            if link.direction == "under":
+                _see_in_water(row, sources)
             if not target.is_lamp and rough > 0.0:
                 # the wider an aperture against the blur by slopes, the more of its points slopes
                 # draw
@@ -317,6 +339,8 @@ class JoinedPhotons:
         # without random slopes collisions alone are joined, and no connection is left out
         still = rough == 0.0
         decay = 0.0 if still and not window.diffuse else _DECAY * (a + b)
+        if link.direction == "under":
+            decay = 0.0  # straight connections bring light from any depth
         lobe = _LOBE if still else 0.0 if window.bent > 0.0 else _ROUGH_LOBE
         cone = 0.0 if window.diffuse else _CONE
         first = min(run.first)
@@ -370,8 +394,7 @@ class JoinedPhotons:
         for first, last in spans:
             numbers[first // BLOCK % len(worlds)] += last - first
         kappa = np.array([world.joins.window.kappa for world in worlds])
-        deepest = max(-item.center[2] for _, item in self.link.items())
-        depth = deepest / arrays.frame_of(self.link).unit
+        depth = _way_in_water(self.link) / arrays.frame_of(self.link).unit
         # importance exp(-kappa depth) at the start, over the first base's: see `Tinting.mixed`
         importance = np.exp((kappa[0] - kappa) * depth)
 
@@ -431,6 +454,29 @@ def _remaining_importance(phase: AngleTable, n: float, spread: float) -> float:
     return float((scattered / (1.0 + _BENT * bend)).sum() / scattered.sum())
 
 
+def _way_in_water(link: Link) -> float:
+    """Return the length of the way of light through the water [m], for rates and importances.
+
+    The largest depth of an end; between ends in the water their largest distance; of light that
+    comes back to the air the depth of the bottom, or that from which a share e^-6 returns.
+    """
+    if link.direction == "under":
+        pairs = product(link.transmitters, link.receivers)
+        return max(math.dist(t.center, r.center) for t, r in pairs)
+    if link.direction == "over":
+        a = arrays.mean_water(link.water, 1.0)[0]
+        visible = 3.0 / a if a > 0.0 else math.inf
+        return min(link.water.bottom_depth or math.inf, visible, _VISIBLE)
+    return max(-item.center[2] for _, item in link.items())
+
+
+def _see_in_water(row: np.void, sources: Sources) -> None:
+    """Write the sphere of water about a receiver from which scattered light mostly reaches it."""
+    far = np.linalg.norm(sources.position - row["center"], axis=1).max()
+    row["seen"][:3] = row["center"]
+    row["seen"][3] = max(float(row["radius"]), _SEEN_SHARE * float(far))
+
+
 def _fill(row: np.void, target: Target, share: float, free_path: float) -> None:
     """Write a target as a record; `free_path` is the mean one [m]."""
     for name, value in target._asdict().items():
@@ -441,8 +487,9 @@ def _fill(row: np.void, target: Target, share: float, free_path: float) -> None:
     axis = np.array(target.lamp.axis) if target.is_lamp else -np.array(target.axis)
     fall = target.center.z / max(-axis[2], 0.1)  # [m] along the axis, bounded for grazing views
     row["seen"][:2] = np.array(target.center)[:2] + fall * axis[:2]
+    row["seen"][2] = 0.0
     half = math.acos(target.cos_half_fov)
     # 1.4 rad: the tangent of wider views is bounded by their reach
     wide = min(fall * math.tan(min(half, 1.4)), target.reach) + target.radius
     # tuned: the last collision, a part of a free path below, may lie somewhat farther out
-    row["seen"][2] = wide + 0.3 * free_path
+    row["seen"][3] = wide + 0.3 * free_path

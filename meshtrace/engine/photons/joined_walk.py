@@ -23,6 +23,7 @@ import numpy as np
 
 from meshtrace.engine.photons import targets
 from meshtrace.engine.photons.flight import bending_normal, facet_ahead, head, heading, place, put
+from meshtrace.engine.photons.in_medium import join_hits
 from meshtrace.engine.photons.next_event import join_collision, join_crossing
 from meshtrace.engine.photons.targets import Law
 from meshtrace.kernels import interface, medium
@@ -30,7 +31,7 @@ from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.sources import SourceKind, lambert_reflection, launch
 from meshtrace.kernels.tints import is_tinted, reset_tint, tint_way
-from meshtrace.kernels.vectors import TWO_PI, Vec2, along, dot, row, turn
+from meshtrace.kernels.vectors import TWO_PI, Vec2, along, dot, row, scaled, turn
 
 _LOWEST = 0.3  # tuned: weight times importance, over that of the start, of roulette below it
 _LEAST_CHANCE = 0.1  # least chance of survival: no photon becomes more than tenfold heavier at once
@@ -68,9 +69,10 @@ def guide_start(d, p, source, photon, uv, world):
     # chances of the two guided parts of the mixture, each shared equally by the n guides
     lobe, cone, n = joins.start * joins.lobe, joins.start * joins.cone, len(joins.guide)
     kind = sources.kind[source]
-    # Beams have their own direction: others would carry none of their light.
+    # Beams have their own direction: others would carry none of their light. Light from the air
+    # is bent before any target sees it.
     beam = kind != SourceKind.LED and kind != SourceKind.ISOTROPIC and kind != SourceKind.APERTURE
-    if lobe + cone == 0.0 or beam:
+    if lobe + cone == 0.0 or beam or not sources.in_water[source]:
         return d, 1.0
     # one uniform chooses law and guide: [0, lobe) and [lobe, lobe + cone) in n equal parts each
     level = targets.level_over(p, world)
@@ -165,10 +167,19 @@ def importance(p, joins):
     window = joins.window
     depth, total = max(-p.z, 0.0), 1e-12  # not 0: ratios divide by the importance of the start
     for i in range(len(joins.guide)):
-        seen = joins.guide[i].seen  # x, y and radius of the disk of still water in view [m]
+        seen = joins.guide[i].seen  # see `targets.TARGET`
         dx, dy = p.x - seen[0], p.y - seen[1]
         square = dx * dx + dy * dy
-        if window.diffuse:
+        if seen[2] < 0.0:
+            # a receiver in the water: falls with the distance from it, in turbid water softened
+            # within a transport length
+            soft = window.length if window.diffuse else 0.0
+            square += (p.z - seen[2]) * (p.z - seen[2])
+            r = math.sqrt(square)
+            total += math.exp(-window.kappa * r) / (
+                1.0 + square / (seen[3] * seen[3] + soft * soft)
+            )
+        elif window.diffuse:
             # softened within a fifth of a transport length, where diffusion does not hold
             square += 0.04 * window.length * window.length
             low, high = depth - window.length, depth + window.length + 2.0 * window.beyond
@@ -177,7 +188,7 @@ def importance(p, joins):
             total += math.exp(-window.kappa * r1) / r1 - math.exp(-window.kappa * r2) / r2
         else:
             square += depth * depth
-            wide = seen[2] * seen[2]
+            wide = seen[3] * seen[3]
             # attenuated, and falling as 1 / r^2 beyond the radius of the view
             total += math.exp(-window.kappa * math.sqrt(square)) / (1.0 + square / wide)
     return total
@@ -247,12 +258,43 @@ def _start(q, photon, world):
     put(q, p)
     head(q, d)
     q.water, q.id, q.event, q.order, q.reflections, q.returns = 0.0, photon, 0, 0, 0, 0
+    q.air, q.at_bottom = 0.0, 0
+    if not world.sources.in_water[source]:
+        _enter(q, world, world.same_side)
+        p = place(q)
     q.level, q.density, q.bend = targets.level_over(p, world), 0.0, 0.0
     q.copies, q.is_guided, q.law = 0, 0, Law.PHASE.value
     reset_tint(world.tints, q.tint)
     q.importance = importance(p, world.joins)
     _draw_path(q, u_path, world)
     _look_ahead(q, world, world.manifold)
+
+
+@outlined
+def _enter(q, world, same_side):
+    """Refract a photon that starts in the air into the water; weight 0 if it misses the mesh.
+
+    Array twin: `photons.flight.cross`. What the surface reflects is not followed here.
+    """
+    if same_side is None:  # an argument: not compiled for links that change sides
+        return
+    facet = facet_ahead(q, NO, ZERO, world)
+    p, d = place(q), heading(q)
+    if facet < 0 or dot(d, row(world.surface.face_normals, facet)) >= 0.0:
+        q.weight = 0.0
+        return
+    length = max(interface.plane_distance(p, d, facet, world.surface), 0.0)
+    put(q, along(p, d, length))
+    q.air = length
+    g, n, _ = bending_normal(q, facet, world)
+    # normals point up; the law of refraction wants them along the light
+    n_air, n_water = world.medium.n_air, world.medium.n_water
+    below, inward = scaled(-1.0, n), scaled(-1.0, g)
+    rho, refracted, _ = interface.branches(d, below, inward, n_air, n_water, world.interface)
+    q.weight *= (1.0 - rho) * world.interface.foam_transmittance
+    q.event += 1
+    put(q, along(place(q), g, -_HAIR))
+    head(q, refracted)
 
 
 @outlined
@@ -267,7 +309,11 @@ def _facet_ahead(q, world):
 
 @outlined
 def _look_ahead(q, world, manifold):
-    """Join the light of a photon that meets the surface without another collision, by chance."""
+    """Join the light of a photon that meets the surface without another collision, by chance.
+
+    Light that goes on straight to a receiver in the water is joined first.
+    """
+    join_hits(q, world, world.same_side)
     # smooth waves; a separate argument, so that numba leaves the rest out by its type
     if manifold is not None:
         return

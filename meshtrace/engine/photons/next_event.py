@@ -44,6 +44,7 @@ from meshtrace.engine import crossing
 from meshtrace.engine.chains.microfacets import slope_towards
 from meshtrace.engine.photons import targets
 from meshtrace.engine.photons.flight import heading, place
+from meshtrace.engine.photons.in_medium import join_straight
 from meshtrace.kernels import interface
 from meshtrace.kernels.interface import MeshArrays
 from meshtrace.kernels.jit import ONE, ZERO, inlined, outlined
@@ -51,8 +52,8 @@ from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import first_facet
 from meshtrace.kernels.scene import FLAT_SEA, Scene, height_on
-from meshtrace.kernels.tally import DIRECT, REFLECTED, SCATTERED, keep_arrival
-from meshtrace.kernels.tints import is_tinted, tint_way
+from meshtrace.kernels.tally import BOTTOM, DIRECT, MIRRORED, REFLECTED, SCATTERED, keep_arrival
+from meshtrace.kernels.tints import tint_way
 from meshtrace.kernels.vectors import (
     ORIGIN,
     UP,
@@ -176,9 +177,9 @@ def _is_clear(p, d, length, facet, world):
 
     `facet` is the one where it starts or ends.
     """
-    # A path steeper than every facet leaves a surface once and for all.
+    # A path steeper than every facet leaves a surface once and for all, upwards or downwards.
     slope = world.surface.max_slope
-    if d.z > slope * math.sqrt(d.x * d.x + d.y * d.y):
+    if abs(d.z) > slope * math.sqrt(d.x * d.x + d.y * d.y):
         return True
     # neither the facets at its ends nor their neighbours are in the way
     hair = _HAIR * (1.0 + length)
@@ -201,10 +202,18 @@ def _through(p, n, g, d, goal, facet, scene, world):
     if s.density <= 0.0 or dot(d, g) <= 0.0:
         return 0.0, 0.0
     share = crossing.passed(1.0, s.aim, p, n, facet, s.tilt, scene)
-    if share > 0.0 and world.interface.follow_second_hit:
+    if share > 0.0 and (world.interface.follow_second_hit or scene.reflects):
         if not _is_clear(p, s.aim.r, s.aim.flight, facet, world):
             return 0.0, 0.0
-    return s.density, share
+    return s.density, share * _passed_behind(p, s.aim, scene)
+
+
+@inlined
+def _passed_behind(p, m, scene):
+    """Return the transmittance of the water behind a crossing, where light is reflected back."""
+    if not scene.reflects:
+        return 1.0
+    return math.exp(-depth_between(scene.medium, p, along(p, m.r, m.flight), m.flight))
 
 
 @outlined
@@ -240,22 +249,36 @@ def _score(q, i, weight, theta, p, goal, water, world):
     `theta` is the angle of a scattering at the start of the path [rad], < 0 without one.
     """
     weight *= world.joins.target[i].share
-    part = SCATTERED if q.order > 0 else DIRECT
-    if q.reflections > 0:
-        part = REFLECTED
     n = keep_arrival(world, q.id, i, weight, world.tints, q.tint)
     if n >= 0:  # there is room for it
         a, target = world.arrivals[n], targets.scene_to(world.joins.target[i], world).target
         # from the crossing to the point of the aperture, off its centre
         off = plus(scaled(goal.x, target.e1), scaled(goal.y, target.e2))
         way = minus(plus(target.center, off), p)
-        a.water, a.air, a.part, a.order = q.water + water, norm(way), part, q.order
+        a.water, a.air, a.order = q.water + water, q.air + norm(way), q.order
+        a.part = _part_of(q, world.same_side)
         # photons to a lamp run backwards: their light arrives where they start
         a.cosine = math.nan if target.is_lamp else dot(way, target.axis) / a.air
         tint_way(world.tints, a.tint, q.z, p.z, water)
+        if targets.is_mirrored(world.same_side):
+            # the way behind the crossing lies in the water, too
+            a.water, a.air = a.water + norm(way), 0.0
+            tint_way(world.tints, a.tint, p.z, p.z + way.z, norm(way))
         if theta >= 0.0:
             _, _, _, u = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
             targets.tint_mixed(a.tint, theta, u, place(q), world)
+
+
+@inlined
+def _part_of(q, same_side):
+    """Return the part of the gain that light of a photon belongs to, see `kernels.tally`."""
+    if same_side is None:
+        if q.reflections > 0:
+            return REFLECTED
+        return SCATTERED if q.order > 0 else DIRECT
+    if q.order == 0:
+        return MIRRORED
+    return BOTTOM if q.at_bottom == 1 else SCATTERED
 
 
 @outlined
@@ -331,26 +354,13 @@ def join_collision(q, at_bottom, world):
             continue
         scene = targets.scene_to(joins.target[i], world)
         goal = targets.goal_on(scene.target, q.u, q.v)
+        join_straight(q, i, world, world.same_side)
         still = targets.still_crossing(start, goal, level, scene)
         if rough:
             p = targets.beside(still, r, v, joins)
             _join_by_slope(p, q, i, goal, still, scene, world, world.manifold)
         else:
             _join_bent(q, i, goal, still, scene, world, world.manifold)
-
-
-@inlined
-def _scattered(w, q, world):
-    """Return the density of directions [sr-1] along w after an event, and the scattering angle.
-
-    The angle [rad] is -1 at the bottom, 0 where no other wavelengths need it.
-    """
-    start, d = place(q), heading(q)
-    if q.at_bottom == 1:
-        # Lambert's law
-        return max(w.z, 0.0) / math.pi, -1.0
-    theta = targets.angle_between(d, w) if is_tinted(world.tints) else 0.0
-    return targets.mixed_phase(d, w, start, world), theta
 
 
 @outlined
@@ -375,7 +385,7 @@ def _join_by_slope(at, q, i, goal, still, scene, world, manifold):
     density, share = _through(p, n, g, w, goal, facet, scene, world)
     if share <= 0.0 or not _is_clear(start, w, length, facet, world):
         return
-    phase, theta = _scattered(w, q, world)
+    phase, theta = targets.after_event(w, q, world)
     drawn = phase
     if q.at_bottom == 0:
         drawn = targets.drawn_density(w, phase, q, world)
@@ -423,19 +433,21 @@ def _join_at(at, facet, multiplicity, q, i, shot, scene, world):
         return
     if facet >= 0:
         g = row(world.surface.face_normals, facet)
-        if dot(m.w, g) <= 0.0 or dot(m.r, g) <= 0.0:
+        ahead = -dot(m.r, g) if scene.reflects else dot(m.r, g)
+        if dot(m.w, g) <= 0.0 or ahead <= 0.0:
             return
         if scene.target.is_lamp:
             weight *= crossing.forwards(m, p, facet, shot.tilt, world.surface)
         if not _is_clear(start, m.w, m.length, facet, world):
             return
-        if world.interface.follow_second_hit and not _is_clear(p, m.r, m.flight, facet, world):
+        second = world.interface.follow_second_hit or scene.reflects
+        if second and not _is_clear(p, m.r, m.flight, facet, world):
             return
     # all points of the aperture: |A| dOmega / dx at the one that photons are joined to
     weight *= scene.target.area * per_area * crossing.transmittance(m, scene) / q.chance
-    phase, theta = _scattered(m.w, q, world)
+    phase, theta = targets.after_event(m.w, q, world)
     weight *= phase
     weight *= math.exp(-depth_between(world.medium, start, p, m.length))
-    weight *= multiplicity
+    weight *= multiplicity * _passed_behind(p, m, scene)
     if weight > 0.0:
         _score(q, i, q.weight * weight, theta, p, shot.goal, m.length, world)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine import crossing
-from meshtrace.engine.photons.flight import UNDER_WAY, place
+from meshtrace.engine.photons.flight import UNDER_WAY, heading, place
 from meshtrace.kernels import interface
 from meshtrace.kernels.interface import Interface, MeshArrays
 from meshtrace.kernels.jit import inlined, outlined, record_type
@@ -55,6 +55,7 @@ JOINED_PHOTON = record_type(
         ("law", np.int64),  # `Law` of a copy's next direction
         ("guide", np.int64),  # index into `Joins.guide` for that law
         ("chance", float),  # of the connection of its last event
+        ("air", float),  # path in the air from the source to the water [m]
         ("at_bottom", np.int64),  # whether its last event was at the bottom
     ]
 )
@@ -84,7 +85,9 @@ TARGET = record_type(
         ("share", float),  # factor on its scores
         ("first", np.int64),  # 1: scores all light; 2: that which surface or bottom reflect first
         ("sloped", float),  # share of the points that drawn slopes land on, instead of even ones
-        ("seen", float, (3,)),  # disk of still water that it sees: x, y and radius [m]
+        # what it sees: centre (x, y, z) and radius of a disk of still water, or of a sphere about a
+        # receiver on the side of the lamp [m]
+        ("seen", float, (4,)),
     ]
 )
 """An end that photons are joined to, see `meshtrace.kernels.scene.Target`."""
@@ -140,6 +143,14 @@ _BENT = 0.1  # tuned: fall of that chance with the squared slope over its varian
 SPARE = 16
 
 
+class SameSide(NamedTuple):
+    """What joined photons need besides where lamps and receivers lie on one side."""
+
+    in_water: (
+        bool  # receivers are joined straight and by the mirror of the surface; else through it
+    )
+
+
 class Manifold(NamedTuple):
     """Search for crossings with the buffers of one thread."""
 
@@ -160,6 +171,7 @@ class JoinedWorld(NamedTuple):
     interface: Interface
     joins: Joins
     manifold: Manifold | None  # for smooth waves
+    same_side: SameSide | None  # None: kernels of links that change sides compile nothing of it
     events: int  # after which a photon is ended
     tints: Tints | None
     bvh: Bvh
@@ -190,7 +202,16 @@ def scene_to(t, world):
     )  # fmt: skip
     joins, surface = world.joins, world.surface
     bins, facets = joins.locator, joins.facets
-    return Scene(lamp, target, surface, bins, facets, world.medium, world.interface, False)
+    return Scene(
+        lamp, target, surface, bins, facets, world.medium, world.interface, False,
+        is_mirrored(world.same_side),
+    )  # fmt: skip
+
+
+@inlined
+def is_mirrored(same_side):
+    """Return whether light reaches the targets by reflection at the surface."""
+    return same_side is not None and same_side.in_water
 
 
 @inlined
@@ -200,6 +221,12 @@ def goal_on(target, u, v):
     r = target.radius * math.sqrt(u)
     c, s = on_circle(v)
     return Vec2(r * c, r * s)
+
+
+@inlined
+def point_of(goal, target):
+    """Return a point of the aperture in space from its coordinates along the axes of the disk."""
+    return along(along(target.center, target.e1, goal.x), target.e2, goal.y)
 
 
 @inlined
@@ -242,8 +269,11 @@ def still_crossing(p, goal, level, scene):
     """
     t = scene.target
     n = scene.medium.n_water / scene.medium.n_air
-    at = along(along(t.center, t.e1, goal.x), t.e2, goal.y)
+    at = point_of(goal, t)
     height, z = max(at.z - level, LEAST_DEPTH), max(level - p.z, LEAST_DEPTH)
+    if scene.reflects:
+        # to the image of the point above the surface, as if the water went on there
+        n, height = 1.0, max(level - at.z, LEAST_DEPTH)
     gx, gy = at.x - p.x, at.y - p.y
     r = math.sqrt(gx * gx + gy * gy)
     # u: horizontal distance of the crossing from p, from Snell's law for small angles,
@@ -274,7 +304,7 @@ def still_crossing(p, goal, level, scene):
     # straight above the start any direction is along the way
     ux, uy = (gx / r, gy / r) if r > 1e-9 else (1.0, 0.0)
     # vertical component of n d_w - d_a: change of the optical path per height of the crossing
-    bend = n * cos_w - cos_a
+    bend = n * cos_w + cos_a if scene.reflects else n * cos_w - cos_a
     # A slope ds adds bend ds to the gradient of the path: dP = bend / (second derivative) ds.
     lever = bend / (n * cos_w * cos_w / a + cos_a * cos_a / b)
     return Still(p.x + u * ux, p.y + u * uy, ux, uy, lever, bend / (n / a + 1.0 / b), z)
@@ -342,6 +372,20 @@ def mixed_phase(d, w, p, world):
 
 
 @inlined
+def after_event(w, q, world):
+    """Return the density of directions [sr-1] along w after an event, and the scattering angle.
+
+    The angle [rad] is -1 at the bottom, 0 where no other wavelengths need it.
+    """
+    start, d = place(q), heading(q)
+    if q.at_bottom == 1:
+        # Lambert's law
+        return max(w.z, 0.0) / math.pi, -1.0
+    theta = angle_between(d, w) if is_tinted(world.tints) else 0.0
+    return mixed_phase(d, w, start, world), theta
+
+
+@inlined
 def tint_mixed(log_weights, theta, u, p, world):
     """Add a scattering by an angle to the sums of a path, see `meshtrace.kernels.tints`.
 
@@ -365,20 +409,23 @@ def bend_ahead(p, d, level, world):
     Array twin: `slope_towards` on still water.
     The least of all guides and at most `_MOST_BEND`, which stands for a path that leads down, too.
     """
-    joins, medium, bend = world.joins, world.medium, _MOST_BEND
+    joins, bend = world.joins, _MOST_BEND
     if d.z <= 0.0:
         return bend
+    n_before, n_behind = world.medium.n_water, world.medium.n_air
+    if is_mirrored(world.same_side):
+        n_before, n_behind = 1.0, 1.0
     way = max(level - p.z, 0.0) / d.z
     at = Vec3(p.x + way * d.x, p.y + way * d.y, level)
     for i in range(len(joins.guide)):
         t = joins.guide[i]
         to = minus(vector_of(t.center), at)
         flight = norm(to)
-        # normal that refracts d to the target, and its slope: (x, y) / z
-        normal = along(scaled(medium.n_water, d), to, -medium.n_air / flight)
+        # normal that refracts or reflects d to the target, and its slope: (x, y) / z
+        normal = along(scaled(n_before, d), to, -n_behind / flight)
         if normal.z > 0.0:
             # the aperture itself accepts a range of slopes
-            soft = medium.n_air * t.radius / flight
+            soft = n_behind * t.radius / flight
             square = normal.x * normal.x + normal.y * normal.y
             bend = min(bend, square / ((joins.spread * normal.z) ** 2 + soft * soft))
     return bend
@@ -412,9 +459,9 @@ def guided_directions(q, world):
         cone = joins.cone
         for i in range(len(joins.guide)):
             seen = joins.guide[i].seen
-            x, y = seen[0] - start.x, seen[1] - start.y
+            x, y, z = seen[0] - start.x, seen[1] - start.y, seen[2] - start.z
             # from inside the view the cone would be the whole sphere
-            if x * x + y * y + start.z * start.z < seen[2] * seen[2]:
+            if x * x + y * y + z * z < seen[3] * seen[3]:
                 cone = 0.0
     return lobe, cone
 
@@ -423,10 +470,10 @@ def guided_directions(q, world):
 def cone_to(i, p, world):
     """Return axis and edge, sin^2(half-angle / 2), of the cone from p to the view of guide i."""
     t = world.joins.guide[i]
-    way = Vec3(t.seen[0] - p.x, t.seen[1] - p.y, -p.z)
+    way = Vec3(t.seen[0] - p.x, t.seen[1] - p.y, t.seen[2] - p.z)
     distance = norm(way)
     # a disk of still water, as a sphere of its radius: the cone covers it from any side
-    sine = min(t.seen[2] / distance, 1.0)
+    sine = min(t.seen[3] / distance, 1.0)
     # (1 - cos) / 2 without cancellation for narrow cones
     edge = 0.5 * sine * sine / (1.0 + math.sqrt(1.0 - sine * sine))
     return scaled(1.0 / distance, way), edge
@@ -449,10 +496,11 @@ def aim_of(q, world):
     """Return the uniforms of the point of a target about which directions are drawn.
 
     Array twin: none.
-    Over random slopes the centre, (0, 0): a crossing ahead is joined to another point than a
-    collision, and the balance heuristic needs one density of the direction for both.
+    Over random slopes, and to receivers in the water, the centre, (0, 0): a crossing or hit ahead
+    is joined to another point than a collision, and the balance heuristic needs one density of the
+    direction for both.
     """
-    if interface.is_rough(world.surface.roughness):
+    if interface.is_rough(world.surface.roughness) or is_mirrored(world.same_side):
         return Vec2(0.0, 0.0)
     return Vec2(q.u, q.v)
 
@@ -478,8 +526,12 @@ def drawn_density(d, phase, q, world):
 
 @outlined
 def way_to(i, p, level, uv, world):
-    """Return the direction from p to a point of guide i through still water."""
+    """Return the direction from p to a point of guide i: straight, or through still water."""
     scene = scene_to(world.joins.guide[i], world)
-    still = still_crossing(p, goal_on(scene.target, uv.x, uv.y), level, scene)
+    goal = goal_on(scene.target, uv.x, uv.y)
+    if scene.reflects:
+        way = minus(point_of(goal, scene.target), p)
+        return scaled(1.0 / norm(way), way)
+    still = still_crossing(p, goal, level, scene)
     way = Vec3(still.x - p.x, still.y - p.y, still.depth)
     return scaled(1.0 / norm(way), way)

@@ -1,0 +1,138 @@
+"""Joined photons and receivers in the water: light that goes on straight to them.
+
+A collision, or a point of the bottom, at p lights a point x of the aperture by
+
+    W f(w) exp(-tau) cos(theta) / r^2 |A|,
+
+W the weight of the photon, f the phase function, or Lambert's law, in the direction w to x, r and
+tau distance and optical depth, theta the angle to the normal of the aperture. Close to the lens
+1 / r^2 has no bound, and the variance of this next-event estimation no limit. The direction that
+the photon takes next, and those of its guided copies, may hit the lens as well: they are drawn with
+the density `drawn`, connections with that of a point of the aperture, r^2 / (|A| cos(theta)). With
+the balance heuristic [1]_ both ways score W f exp(-tau) over the sum of the two densities, which
+f <= `drawn` bounds by W.
+
+Light that the surface mirrors on its way from the last event to the receiver is joined as light
+that it refracts, see `photons.next_event`, with `Scene.reflects`.
+
+References
+----------
+.. [1] E. Veach and L. J. Guibas, "Optimally combining sampling techniques for Monte Carlo
+   rendering", SIGGRAPH (1995), doi:10.1145/218380.218498.
+"""
+
+from __future__ import annotations
+
+import math
+
+from meshtrace.engine.photons import targets
+from meshtrace.engine.photons.flight import heading, place
+from meshtrace.kernels import interface
+from meshtrace.kernels.jit import inlined, outlined
+from meshtrace.kernels.medium import depth_between
+from meshtrace.kernels.random import Purpose, uniforms
+from meshtrace.kernels.rays import first_facet
+from meshtrace.kernels.tally import BOTTOM, SCATTERED, keep_arrival
+from meshtrace.kernels.tints import tint_way
+from meshtrace.kernels.vectors import along, dot, minus, norm, scaled
+
+_HAIR = 1e-4  # by which a path is shortened at its ends, over 1 m + its length: Embree is float32
+
+
+@inlined
+def _is_unobstructed(p, d, length, world):
+    """Return whether no wave cuts off a straight path in the water."""
+    # paths below the lowest trough, most of them, meet no wave
+    if max(p.z, p.z + length * d.z) < world.surface.low[2]:
+        return True
+    hair = _HAIR * (1.0 + length)
+    start = along(p, d, hair)
+    facet = first_facet(world.bvh, start, d)
+    if facet < 0:
+        return True
+    # a triangle that the ray meets: its plane gives the distance in double precision
+    return interface.plane_distance(p, d, facet, world.surface) > length - hair
+
+
+@inlined
+def _point_density(r, facing, target, chance):
+    """Return the density of directions [sr-1] of connections to points of an aperture."""
+    return chance * r * r / (target.area * facing)
+
+
+@outlined
+def _score(q, i, weight, theta, p, way, cosine, world):
+    """Score light of a photon that reaches target i straight from p, by `way` [m].
+
+    `theta` is the angle of a scattering at p [rad], < 0 without one, or one already counted.
+    """
+    n = keep_arrival(world, q.id, i, weight * world.joins.target[i].share, world.tints, q.tint)
+    if n >= 0:  # there is room for it
+        a, r = world.arrivals[n], norm(way)
+        a.water, a.air, a.order, a.cosine = q.water + r, q.air, q.order, cosine
+        a.part = BOTTOM if q.at_bottom == 1 else SCATTERED
+        tint_way(world.tints, a.tint, p.z, p.z + way.z, r)
+        if theta >= 0.0:
+            _, _, _, u = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
+            targets.tint_mixed(a.tint, theta, u, p, world)
+
+
+@outlined
+def join_straight(q, i, world, same_side):
+    """Join a photon that is scattered, or reflected by the bottom, straight to target i.
+
+    Array twin: `join_hits` of the photon that goes on.
+    """
+    if not targets.is_mirrored(same_side):  # an argument: not compiled for links that change sides
+        return
+    start, target = place(q), targets.scene_to(world.joins.target[i], world).target
+    way = minus(targets.point_of(targets.goal_on(target, q.u, q.v), target), start)
+    r = norm(way)
+    if r == 0.0:
+        return
+    w = scaled(1.0 / r, way)
+    facing = dot(w, target.axis)
+    if facing <= 0.0 or facing < target.cos_half_fov or not _is_unobstructed(start, w, r, world):
+        return
+    phase, theta = targets.after_event(w, q, world)
+    drawn = phase
+    if q.at_bottom == 0:
+        drawn = targets.drawn_density(w, phase, q, world)
+    here = _point_density(r, facing, target, q.chance)
+    weight = q.weight * phase * math.exp(-depth_between(world.medium, start, along(start, w, r), r))
+    if weight > 0.0:
+        _score(q, i, weight / (here + drawn), theta, start, way, facing, world)
+
+
+@outlined
+def join_hits(q, world, same_side):
+    """Score a photon on every target that its new direction hits, see the head of this file.
+
+    Array twin: `join_straight`.
+    """
+    if not targets.is_mirrored(same_side):  # an argument: not compiled for links that change sides
+        return
+    # unscattered light is a closed form; that of a mirrored direction is joined by its crossing
+    if q.order == 0 or q.density == 0.0:
+        return
+    start, d = place(q), heading(q)
+    for i in range(len(world.joins.target)):
+        target = targets.scene_to(world.joins.target[i], world).target
+        facing = dot(d, target.axis)
+        if facing <= 1e-9 or facing < target.cos_half_fov:
+            continue
+        off = minus(target.center, start)
+        r = dot(off, target.axis) / facing
+        if r <= 0.0:
+            continue
+        miss = minus(scaled(r, d), off)
+        if dot(miss, miss) > target.radius * target.radius:
+            continue
+        if not _is_unobstructed(start, d, r, world):
+            continue
+        # q.weight is already over `density`
+        here = _point_density(r, facing, target, q.chance)
+        weight = q.weight * q.density / (q.density + here)
+        weight *= math.exp(-depth_between(world.medium, start, along(start, d, r), r))
+        if weight > 0.0:
+            _score(q, i, weight, -1.0, start, scaled(r, d), facing, world)
