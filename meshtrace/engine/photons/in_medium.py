@@ -95,9 +95,7 @@ def join_straight(q, i, world, same_side):
     if facing <= 0.0 or facing < target.cos_half_fov or not _is_unobstructed(start, w, r, world):
         return
     phase, theta = targets.after_event(w, q, world)
-    drawn = phase
-    if q.at_bottom == 0:
-        drawn = targets.drawn_density(w, phase, q, world)
+    drawn = targets.drawn_after(w, phase, q, world)
     here = _point_density(r, facing, target, q.chance)
     weight = q.weight * phase * math.exp(-depth_between(world.medium, start, along(start, w, r), r))
     if weight > 0.0:

@@ -342,7 +342,8 @@ class JoinedPhotons:
         if link.direction == "under":
             decay = 0.0  # straight connections bring light from any depth
         lobe = _LOBE if still else 0.0 if window.bent > 0.0 else _ROUGH_LOBE
-        cone = 0.0 if window.diffuse else _CONE
+        # even directions over a cone cost more copies than they save close to a receiver
+        cone = 0.0 if window.diffuse or link.direction == "under" else _CONE
         first = min(run.first)
         return Joins(
             records, guides, first, self._direct, water, bubble, bins, facets, spread, decay,

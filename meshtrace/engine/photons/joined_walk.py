@@ -30,7 +30,7 @@ from meshtrace.kernels import interface, medium
 from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.sources import SourceKind, lambert_reflection, launch
-from meshtrace.kernels.tints import is_tinted, reset_tint, tint_way
+from meshtrace.kernels.tints import reset_tint, tint_way
 from meshtrace.kernels.vectors import TWO_PI, Vec2, along, dot, row, scaled, turn
 
 _LOWEST = 0.3  # tuned: weight times importance, over that of the start, of roulette below it
@@ -123,10 +123,10 @@ def redirect(q, s, u_phi, world):
             _push(q, world)
         d = turn(before, s, u_phi)
     q.law = Law.PHASE.value
-    phase = targets.mixed_phase(before, d, start, world)
-    # the angle is needed at other wavelengths alone
-    theta = targets.angle_between(before, d) if is_tinted(world.tints) else 0.0
-    targets.tint_mixed(q.tint, theta, u_kind, start, world)
+    phase, theta = targets.after_event(d, q, world)
+    # the angle is needed at other wavelengths alone; the bottom has none
+    if theta >= 0.0:
+        targets.tint_mixed(q.tint, theta, u_kind, start, world)
     q.density = phase
     if lobe + cone > 0.0:
         q.density = targets.drawn_density(d, phase, q, world)
@@ -422,6 +422,29 @@ def _is_worth(q, is_turned, world):
 
 
 @outlined
+def _guide_from_bottom(q, world, same_side):
+    """Send copies of a photon from the bottom towards the targets, as after a collision.
+
+    Array twin: photons without `Joins.lobe`.
+    Light from the bottom that almost heads for a target, and is scattered forwards on its way, is
+    most of what comes back to a narrow view: few photons would carry it in heavy scores.
+    """
+    if same_side is None:  # an argument: not compiled for links that change sides
+        return
+    lobe, cone = targets.guided_directions(q, world)
+    if lobe + cone == 0.0:
+        return
+    d, phase = heading(q), q.density
+    u_guide, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.GUIDE.value)
+    if u_guide < lobe + cone and q.copies + 1 < len(world.photon):
+        _choose_guide(q, u_guide, lobe, cone, len(world.joins.guide))
+        _push(q, world)
+        q.law = Law.PHASE.value
+    q.density = targets.drawn_density(d, phase, q, world)
+    q.weight *= phase / q.density
+
+
+@outlined
 def _bounce(q, world):
     """Reflect a photon off the bottom; return whether it lives."""
     q.z = world.medium.bottom_z
@@ -439,6 +462,7 @@ def _bounce(q, world):
     head(q, lambert_reflection(u_cos, u_phi))
     if q.density > 0.0:  # the bottom was joined: density of Lambert's law for its direction
         q.density = q.dz / math.pi
+        _guide_from_bottom(q, world, world.same_side)
     _draw_path(q, u_path, world)
     _look_ahead(q, world, world.manifold)
     return _is_worth(q, YES, world)
@@ -493,6 +517,8 @@ def _resume(q, world):
     if u_kind * (b + bubbles) >= b:
         phase = world.medium.phase_bubble
     redirect(q, medium.sample_s(phase, u_theta), u_phi, world)
+    if q.weight == 0.0:  # into the bottom that the copy has left
+        return False
     _look_ahead(q, world, world.manifold)
     _draw_path(q, u_path, world)
     return _is_worth(q, YES, world)

@@ -386,9 +386,7 @@ def _join_by_slope(at, q, i, goal, still, scene, world, manifold):
     if share <= 0.0 or not _is_clear(start, w, length, facet, world):
         return
     phase, theta = targets.after_event(w, q, world)
-    drawn = phase
-    if q.at_bottom == 0:
-        drawn = targets.drawn_density(w, phase, q, world)
+    drawn = targets.drawn_after(w, phase, q, world)
     # the drawn crossing as a density of directions: dOmega = cos dA / length^2, dA = dx dy / g_z
     here = q.chance * targets.crossing_density(x, y, still, joins) * length * length * g.z
     here /= facing * scene.target.area

@@ -524,6 +524,14 @@ def drawn_density(d, phase, q, world):
     return total
 
 
+@inlined
+def drawn_after(w, phase, q, world):
+    """Return `drawn_density` after an event; from the bottom only links on one side are guided."""
+    if q.at_bottom == 1 and world.same_side is None:
+        return phase
+    return drawn_density(w, phase, q, world)
+
+
 @outlined
 def way_to(i, p, level, uv, world):
     """Return the direction from p to a point of guide i: straight, or through still water."""
