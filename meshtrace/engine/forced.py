@@ -42,8 +42,10 @@ from meshtrace.engine.plan import Scattered as Scattered
 from meshtrace.engine.plan import TypicalSea as TypicalSea
 from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.options import Case
+from meshtrace.engine.straight import straight_gains
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.sources import SourceKind
+from meshtrace.kernels.tally import DIRECT, MIRRORED
 from meshtrace.kernels.tints import Tints
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
@@ -240,8 +242,12 @@ class ForcedDetection:
         orders = max((request.order for request in self.plan.chains), default=0) + 1
         gains = Gains.zeros(aimed.wavelengths, len(self.method), orders)
         # slopes too narrow for an integral are sampled; extended sources are summed anyway
-        exact = [p for p in link.pairs if not aimed.sampled or link.sizes[p[0]] > 0.0]
+        # Chains without scatterings cross the surface, and show nothing of what it mirrors: there
+        # such narrow slopes are left out.
+        integrated = link.reflects or not aimed.sampled
+        exact = [p for p in link.pairs if integrated or link.sizes[p[0]] > 0.0]
         dark = [pair for pair in link.pairs if pair not in exact]
+        unscattered = MIRRORED if link.reflects else DIRECT
         served = [pair for pair in link.pairs if self.method[link.receiver(*pair)] == "chains"]
         chain_jobs = parts.chain_jobs(served, self.scattered_sets)
         # without chains and joined photons, whose groups scatter far more, see `add_direct`
@@ -256,13 +262,17 @@ class ForcedDetection:
             gain = from_points.mean(axis=1).T  # (wavelengths, 1 or SHIFTS)
             # the error where a view ends within the aperture counts even beside chains
             in_groups = alone or aimed.meets_rim(*pair)
-            gains.add_direct(link.receiver(*pair), link.share(*pair) * gain, error, in_groups)
+            receiver, gain = link.receiver(*pair), link.share(*pair) * gain
+            gains.add_direct(receiver, gain, error, in_groups, unscattered)
             cut_short += aimed.is_cut_short(*pair)
             # an extended source is sampled at random points, with a value for each shift
             if gain.shape[-1] > 1:
                 sampled.append(pair)
-            elif not gain.any():
+            elif not gain.any() and not link.reflects:
                 dark.append(pair)
+        for e, t in link.pairs if link.reflects else []:
+            gain, error = self._straight_gains(aimed, e, t)
+            gains.add_direct(link.receiver(e, t), link.share(e, t) * gain, error, alone)
         drawn = sum(request.number for request in self.plan.chains)
         pace = Pace(len(chain_jobs), f"{drawn:,} chains over one surface")
         for job, scores in zip(chain_jobs, results, strict=True):
@@ -327,6 +337,26 @@ class ForcedDetection:
             if (error < _SMOOTH * gains.mean(axis=(0, 1))).all():
                 break
         return gains, aimed.relative_error(e, t)
+
+    def _straight_gains(self, aimed: AimedChains, e: int, t: int) -> tuple[Floats, float]:
+        """Return the light (wavelengths, 1 or SHIFTS) straight from an emitter to a target.
+
+        With the relative error of its quadrature.
+        """
+        link = self.arrays
+        points: list[list[Vec3 | None]] = [[None]]
+        if link.sizes[e] > 0.0:
+            by_shift = self._lamp_points(e)[:, :_FEW_POINTS].tolist()
+            points = [[Vec3(*p) for p in shift] for shift in by_shift]
+        gains, errors = np.zeros((len(self.planner.shared.links), len(points))), [0.0]
+        for i, other in enumerate(self.planner.shared.links):
+            medium = link.frame.medium(ends.expected_water(other, crest=5.0))
+            for shift, places in enumerate(points):
+                for place in places:
+                    gain, error = straight_gains(link, aimed.intersector, medium, e, t, place)
+                    gains[i, shift] += gain / len(places)
+                    errors.append(error)
+        return gains, max(errors)
 
     def _lamp_points(self, s: int) -> Floats:
         """Return random points of an extended source, shape (shifts, points, 3)."""

@@ -16,7 +16,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.tally import DIRECT, N_PARTS, REFLECTED, SCATTERED
+from meshtrace.kernels.tally import (
+    BODY,
+    BOTTOM,
+    DIRECT,
+    MIRRORED,
+    N_PARTS,
+    REFLECTED,
+    SCATTERED,
+)
 from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.results.gain import ChainCounts, ScatteredSamples
@@ -26,6 +34,7 @@ from meshtrace.stored import SHIFTS
 Method = Literal["chains", "joined", "analog"]
 """Estimator of the scattered light of a receiver."""
 
+_SCATTERED_PARTS = SCATTERED, BOTTOM, BODY
 _SPARSE = 4  # cells (part, receiver, photon) per row beyond which samples are sorted rather than
 # counted in an array: saves memory
 
@@ -36,17 +45,17 @@ class Gains:
 
     Attributes
     ----------
-    groups : ndarray, shape (..., 3, receivers, SHIFTS)
-        Unscattered, scattered and first reflected gain, as each group of samples estimates it; the
+    groups : ndarray, shape (..., N_PARTS, receivers, SHIFTS)
+        Gain by part, see `meshtrace.kernels.tally`, as each group of samples estimates it; the
         mean over the groups is the gain. Groups are equal where it is deterministic, but for the
         error of its quadrature, see `with_error`.
     all_orders : ndarray, shape (..., receivers, orders)
         Gain without light reflected first by the number of scatterings, from 0 on.
-    square : ndarray, shape (..., 3, receivers)
+    square : ndarray, shape (..., N_PARTS, receivers)
         Sum of the squares of what each sample brings to the gain.
-    scored : ndarray of int, shape (..., 3, receivers)
+    scored : ndarray of int, shape (..., N_PARTS, receivers)
         Samples that bring something.
-    samples : ndarray of int, shape (3, receivers)
+    samples : ndarray of int, shape (N_PARTS, receivers)
         Samples in all.
     quadrature : ndarray, shape (..., receivers)
         Standard error of the unscattered gain by its quadrature, where the groups do not show it.
@@ -113,24 +122,24 @@ class Gains:
 
     @property
     def parts(self) -> Floats:
-        """Unscattered, scattered and first reflected gain, shape (3, receivers)."""
+        """Unscattered, scattered and first reflected gain, shape (N_PARTS, receivers)."""
         return self.groups.mean(axis=-1)
 
     @property
     def part_stderr(self) -> Floats:
-        """Standard errors of the parts, shape (3, receivers)."""
+        """Standard errors of the parts, shape (N_PARTS, receivers)."""
         # scatter of independent groups: those of one sample's rows are correlated
         return error_of_groups(self.groups, axis=-1)
 
     @property
     def direct(self) -> Floats:
-        """Unscattered gain by group, shape (receivers, SHIFTS)."""
-        return self.groups[..., DIRECT, :, :]
+        """Unscattered gain by group, straight, refracted or mirrored, shape (receivers, SHIFTS)."""
+        return self.groups[..., DIRECT, :, :] + self.groups[..., MIRRORED, :, :]
 
     @property
     def scattered(self) -> Floats:
-        """Scattered gain by group, without light reflected first."""
-        return self.groups[..., SCATTERED, :, :]
+        """Gain by group of what met water, bottom or bodies, without light reflected first."""
+        return sum_of_parts(self.groups, _SCATTERED_PARTS)
 
     @property
     def ballistic(self) -> Floats:
@@ -169,7 +178,9 @@ class Gains:
         estimators = [names.get(method, "joined photons") for method in self.method]
         return [ScatteredSamples(*row) for row in zip(estimators, *columns, strict=True)]
 
-    def add_direct(self, receiver: int, gain: Floats, error: float, in_groups: bool) -> None:
+    def add_direct(
+        self, receiver: int, gain: Floats, error: float, in_groups: bool, part: int = DIRECT
+    ) -> None:
         """Add unscattered gain (wavelengths, 1 or SHIFTS) with the relative error of a quadrature.
 
         `in_groups` shows the error as a scatter of the groups, so that errors of the frames of a
@@ -179,7 +190,7 @@ class Gains:
             gain = with_error(gain, error)
         else:
             self.quadrature[:, receiver] += error * gain.mean(axis=-1)
-        self.groups[:, DIRECT, receiver] += gain
+        self.groups[:, part, receiver] += gain
 
     def add_chains(
         self, receiver: int, order: int, groups: slice, score: Floats, share: float
@@ -256,14 +267,23 @@ class Gains:
         orders, index = np.pad(self.all_orders, ((0, 0), (0, more))), np.array(receivers)
         orders[index, 1:n_orders] += photons.all_orders[:, 1:n_orders]
         # without DIRECT: unscattered light is already here, integrated over the facets
-        for part in (SCATTERED, REFLECTED):
+        for part in range(DIRECT + 1, N_PARTS):
             self.groups[part, index] += photons.groups[part]
             self.square[part, index] += photons.square[part]
             # the numbers of samples are those of the estimator of the receiver
-            counted = np.array([part == REFLECTED or self.method[r] != "chains" for r in receivers])
+            counted = np.array([part != SCATTERED or self.method[r] != "chains" for r in receivers])
             for mine, other in ((self.scored, photons.scored), (self.samples, photons.samples)):
                 mine[part, index[counted]] = other[part, counted]
         return replace(self, all_orders=orders)
+
+
+def sum_of_parts(values: Floats, parts: Sequence[int]) -> Floats:
+    """Return the sum over some parts of values of shape (..., parts, receivers, groups)."""
+    # one after the other: the digits of links that have the first part alone do not change
+    total = values[..., parts[0], :, :]
+    for part in parts[1:]:
+        total = total + values[..., part, :, :]
+    return total
 
 
 def with_error(gain: Floats, error: float) -> Floats:

@@ -23,6 +23,7 @@ from meshtrace.errors import Refused
 from meshtrace.kernels.medium import DepthMode
 from meshtrace.kernels.scene import Emitter, Target
 from meshtrace.kernels.sources import SourceKind
+from meshtrace.kernels.tally import MIRRORED
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
@@ -77,6 +78,10 @@ def with_mesh_errors(
     share = np.divide(ballistic, gain, out=np.zeros_like(gain), where=gain > 0.0)
     scattered = np.maximum(0.5 * share, _SCATTERED)
     error = direct * (ballistic + scattered * np.maximum(gain - ballistic, 0.0))
+    if result.gain_part is not None:
+        # ends on one side: the mesh bends nothing but what it mirrors
+        mirrored = result.gain_part[:, MIRRORED]
+        error = np.where(mirrored > 0.0, direct * mirrored, np.nan)
     if np.isnan(error).all():
         return results
     # the relative error is that of the mesh, common to the wavelengths

@@ -22,6 +22,7 @@ from meshtrace.engine.setup.options import Analog, Case, Record
 from meshtrace.errors import DomainWarning
 from meshtrace.kernels.tally import REFLECTED, SCATTERED
 from meshtrace.link import Link
+from meshtrace.link.link import SAME_SIDE
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.gain import Fate, FateTally, GainResult, ScatteredSamples, bound_where_dark
@@ -114,7 +115,9 @@ def forced_result(
     link = case.link
     # fields are absent, rather than 0, if no photons followed light that the surface reflects first
     extra: dict[str, Any] = {}
-    if gains.reflects:
+    if link.direction in SAME_SIDE:
+        extra["gain_part"], extra["gain_part_stderr"] = gains.parts.T, gains.part_stderr.T
+    elif gains.reflects:
         extra["gain_reflected"] = per_receiver(link, gains.parts[REFLECTED])
         extra["gain_reflected_stderr"] = per_receiver(link, gains.part_stderr[REFLECTED])
         extra["reflected"] = gains.samples_of(REFLECTED)
@@ -125,7 +128,7 @@ def forced_result(
         fates={},
         provenance=origin,
         gain_ballistic=per_receiver(link, gains.ballistic),
-        gain_scattered=per_receiver(link, gains.parts[SCATTERED]),
+        gain_scattered=per_receiver(link, gains.scattered.mean(axis=-1)),
         gain_order=gains.orders,
         chains=gains.counts,
         scattered=gains.samples_of(SCATTERED),

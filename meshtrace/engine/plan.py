@@ -26,7 +26,7 @@ from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.tinting import CommonPaths, paths_alone
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.models import Floats
@@ -207,7 +207,9 @@ class Planner:
         if orders is None or self.scattered == "joined":
             every = np.ones(len(self._piloted), bool)
             method: list[Method] = ["joined"] * len(self._piloted)
+            # analog photons hardly hit what lies on their own side
             alone = self.scattered == "auto" and len(self.shared.links) == 1
+            alone = alone and not self.arrays.reflects
             photons = self._pilot_photons(every, []) if alone else None
             if photons is not None:
                 gains = photons.evaluate(self._still_water())
@@ -292,6 +294,8 @@ class Planner:
         """
         # light off the bottom needs joined photons, which do not follow published forms of physics
         try:
+            if self.arrays.reflects:
+                raise Refused("link", Described("ends on one side"), "a link that changes sides")
             ends.require_points(self.link)
             if self.link.water.bottom_depth is not None and not self._photons_follow():
                 depth = self.link.water.bottom_depth
@@ -403,6 +407,7 @@ class Planner:
         every = [r for r, name in enumerate(method) if name != "analog"]
         joined = [r for r in every if method[r] == "joined"]
         reflects = self.scattered != "chains" and self.link.physics.reflected == "trace"
+        reflects = reflects and not self.arrays.reflects  # such light is no part of its own there
         water, gain = self.link.water, comparison.still_gain
         # where chains serve they bring all light of first crossings: photons score from the second
         crossings = [1 if name == "joined" else 2 for name in method]

@@ -39,6 +39,7 @@ from meshtrace.engine.setup.options import (
 from meshtrace.engine.setup.tinting import clearest
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.link import Link
+from meshtrace.link.link import SAME_SIDE
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import default_threads, one_blas_thread
@@ -193,7 +194,8 @@ def simulate(
                 results = with_mesh_errors(results, links, reference, relative)
                 outcome.warn_of_mesh(results[reference], case, triangles)
                 outcome.warn_of_cut_short(results[reference])
-                if results[reference].gain_reflected is None:
+                same_side = case.link.direction in SAME_SIDE
+                if results[reference].gain_reflected is None and not same_side:
                     outcome.warn_of_omitted(case.link, results[reference].gains, returned)
                 outcome.warn_of_cut(cut_share(case, triangles))
     except ArithmeticError as error:
@@ -255,7 +257,8 @@ def _traced(
             paths: ForcedDetection | SpectralDetection
             if single:
                 paths = ForcedDetection.following(planner, planner.plan(run.photons, comparison))
-                returned = None if paths.plan.reflects else planner.returned
+                omits = not paths.plan.reflects and case.link.direction not in SAME_SIDE
+                returned = planner.returned if omits else None
             else:
                 paths = SpectralDetection(links, run.photons, seed, normals, threads, sea)
             gains = paths.at_wavelengths(mesh, record=bool(records))

@@ -14,7 +14,7 @@ import numpy as np
 from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused
 from meshtrace.fields import attrs
-from meshtrace.kernels.tally import Fate
+from meshtrace.kernels.tally import BODY, BOTTOM, DIRECT, MIRRORED, SCATTERED, Fate
 from meshtrace.models import Floats
 from meshtrace.results.provenance import water_of
 from meshtrace.results.tallies import ArrivalTally, MapTally, Planes, merged_means
@@ -112,6 +112,12 @@ _MESH_ERROR_SHOWN = 0.5
 _PER_RECEIVER = Variable("receiver")
 
 
+_SAME_SIDE_PARTS = {
+    "straight": DIRECT, "mirrored": MIRRORED, "scattered": SCATTERED, "bottom": BOTTOM,
+    "bodies": BODY,
+}  # fmt: skip
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
     """Channel gain of one link over one surface.
@@ -139,6 +145,9 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
         Part of the gain that the surface first reflected back into the water, where the forced
         estimator follows it; 0 for receivers served by chains where a closed estimate of it is
         below 0.02 % of the gain.
+    gain_part, gain_part_stderr : ndarray, shape (receivers, 6), or None
+        Parts of the gain of a link whose ends lie on one side, see `gain_parts`, by the numbers of
+        `ArrivalTally.part`.
     gain_order : ndarray, shape (receivers, orders), or None
         Forced only: gain by the number of scatterings, from 1.
     provenance : dict
@@ -180,6 +189,8 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
     gain_reflected: Annotated[Values | None, _PER_RECEIVER] = None
     gain_reflected_stderr: Annotated[Values | None, _PER_RECEIVER] = None
     mesh_error: Annotated[Values | None, _PER_RECEIVER] = None
+    gain_part: Annotated[Floats | None, Variable("receiver", "part")] = None
+    gain_part_stderr: Annotated[Floats | None, Variable("receiver", "part")] = None
     gain_order: Annotated[Floats | None, Variable("receiver", "order")] = None
     arrivals: Annotated[ArrivalTally | None, Part(ArrivalTally)] = None
     planes: Annotated[Planes | None, Part(Planes)] = None
@@ -200,6 +211,25 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
         """Gain in optical decibels, 10 log10 of the gain."""
         with np.errstate(divide="ignore"):
             return like(self.gain, 10.0 * np.log10(self.gains))
+
+    @property
+    def gain_parts(self) -> dict[str, Values]:
+        """Parts of the gain by name, which add up to it.
+
+        "unscattered", "scattered" and "reflected" by the surface before it left the water; of a
+        link whose ends lie on one side "straight", "mirrored" by the surface, "scattered" where
+        the last event was in the water, "bottom" and "bodies" where it was there. Empty where the
+        estimator does not separate them.
+        """
+        if self.gain_part is not None:
+            columns = self.gain_part.T
+            return {name: like(self.gain, columns[k]) for name, k in _SAME_SIDE_PARTS.items()}
+        if self.gain_ballistic is None or self.gain_scattered is None:
+            return {}
+        parts = {"unscattered": self.gain_ballistic, "scattered": self.gain_scattered}
+        if self.gain_reflected is not None:
+            parts["reflected"] = self.gain_reflected
+        return parts
 
     def _per_receiver(self, name: str) -> list[float]:
         """Return the values of a field for each receiver, nan if the field is None."""
@@ -291,7 +321,10 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
             if mesh_error > _MESH_ERROR_SHOWN * stderr or (verbose and mesh_error >= 0.0):
                 text = f"{mesh_error:.1e}  ({100.0 * mesh_error / gain:.2g} %)"
                 lines.append(_line("error of the mesh", text))
-            if self.gain_ballistic is not None:
+            if self.gain_part is not None:
+                named = ((name, np.atleast_1d(part)[i]) for name, part in self.gain_parts.items())
+                lines.append(_line("", ", ".join(f"{n} {part:.4e}" for n, part in named if part)))
+            elif self.gain_ballistic is not None:
                 scattered = 100.0 * (1.0 - ballistic / gain)
                 text = f"{ballistic:.4e} unscattered; scattered {scattered:.1f} %"
                 if self.gain_reflected is not None:

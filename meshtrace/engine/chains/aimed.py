@@ -110,7 +110,7 @@ class AimedChains:
     ) -> None:
         self.link = link
         self._mesh = link.frame.mesh(mesh)
-        self._intersector = EmbreeIntersector(self._mesh, 1)
+        self.intersector = EmbreeIntersector(self._mesh, 1)
         self._search_mode = search
         self.surface: MeshArrays = surface_arrays(self._mesh, normals, unresolved)
         rough, self._mesh_slopes = self.surface.roughness, mean_square_slope(self.surface)
@@ -136,7 +136,7 @@ class AimedChains:
         # index of the wavelength that calibrates the others, and the surface at it
         self._calibration: tuple[int, AimedChains] | None = None
         # bubbles whose depth is below the local surface need its height everywhere
-        self.medium = with_raster(link.medium, self._intersector)
+        self.medium = with_raster(link.medium, self.intersector)
         self.locator = locator(self.surface, link.targets)
         self._last: dict[tuple[int, int], Quadrature] = {}  # by source and receiver
         self.counters = np.zeros(len(Counter), np.int64)
@@ -282,7 +282,7 @@ class AimedChains:
         medium, base = self.link.frame.medium(water), self.medium
         # paths are those of the base, whatever the dispersion: its indices
         medium = medium._replace(n_water=base.n_water, n_air=base.n_air)
-        calibration.medium = with_raster(medium, self._intersector)
+        calibration.medium = with_raster(medium, self.intersector)
         # not those of the base: errors of gains are asked for at the base
         calibration._last = {}
         aimed.tinting, aimed._calibration = tinting, (farthest, calibration)

@@ -7,6 +7,7 @@ that the errors have no heavy tail, whatever the phase function and the waves.
 from __future__ import annotations
 
 import math
+from itertools import product
 
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.gains import Gains, shares_of, table_of
@@ -19,7 +20,7 @@ _ROULETTE = 0.5  # limit of Russian roulette, over the largest weight that can a
 
 
 def largest_weight(link: Link, trough: float) -> float:
-    """Return an upper bound on the transmission by absorption between water and air.
+    """Return an upper bound on the transmission by absorption from a source to a receiver.
 
     Parameters
     ----------
@@ -33,6 +34,12 @@ def largest_weight(link: Link, trough: float) -> float:
     # by the clearest layer: no path is absorbed less
     water = link.water
     a = water.a if water.layers is None else min(row[1] for row in water.layers)
+    if link.direction == "under":
+        pairs = product(link.transmitters, link.receivers)
+        way = min(math.dist(t.center, r.center) - t.size - r.radius for t, r in pairs)
+        return math.exp(-a * max(way, 0.0))
+    if link.direction == "over":
+        return 1.0  # straight light meets no water
     depth = min(-item.center[2] for _, item in link.items() if item.center[2] < 0.0)
     return math.exp(-a * max(depth + trough, 0.0))
 

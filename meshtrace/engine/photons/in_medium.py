@@ -13,7 +13,9 @@ the balance heuristic [1]_ both ways score W f exp(-tau) over the sum of the two
 f <= `drawn` bounds by W.
 
 Light that the surface mirrors on its way from the last event to the receiver is joined as light
-that it refracts, see `photons.next_event`, with `Scene.reflects`.
+that it refracts, see `photons.next_event`, with `Scene.reflects`. Without random slopes the
+photon that goes on may also hit the receiver after its reflection: the density of connections is
+then |dx/dw| / |A|, and both ways are combined as those of straight light.
 
 References
 ----------
@@ -25,6 +27,7 @@ from __future__ import annotations
 
 import math
 
+from meshtrace.engine import crossing
 from meshtrace.engine.photons import targets
 from meshtrace.engine.photons.flight import heading, place
 from meshtrace.kernels import interface
@@ -34,7 +37,7 @@ from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import first_facet
 from meshtrace.kernels.tally import BOTTOM, SCATTERED, keep_arrival
 from meshtrace.kernels.tints import tint_way
-from meshtrace.kernels.vectors import along, dot, minus, norm, scaled
+from meshtrace.kernels.vectors import ORIGIN, UP, Vec2, along, dot, minus, norm, scaled
 
 _HAIR = 1e-4  # by which a path is shortened at its ends, over 1 m + its length: Embree is float32
 
@@ -58,6 +61,19 @@ def _is_unobstructed(p, d, length, world):
 def _point_density(r, facing, target, chance):
     """Return the density of directions [sr-1] of connections to points of an aperture."""
     return chance * r * r / (target.area * facing)
+
+
+@outlined
+def _mirror_density(p, q, scene):
+    """Return the density of directions [sr-1] of connections of an event by the mirror at p.
+
+    Array twin: `next_event._join_at`.
+    """
+    start = targets.vector_of(q.event_at)
+    shot = crossing.Shot(start, ORIGIN, UP, Vec2(0.0, 0.0), 1.0, Vec2(0.0, 0.0))
+    per_area = crossing.solid_angle_per_area(crossing.jacobian(p.x, p.y, q.facet, shot, scene))
+    # on a caustic the crossing has no density of directions: the hit has all the light
+    return q.chance / (scene.target.area * per_area) if per_area > 0.0 else 0.0
 
 
 @outlined
@@ -110,12 +126,13 @@ def join_hits(q, world, same_side):
     """
     if not targets.is_mirrored(same_side):  # an argument: not compiled for links that change sides
         return
-    # unscattered light is a closed form; that of a mirrored direction is joined by its crossing
+    # unscattered light is a closed form
     if q.order == 0 or q.density == 0.0:
         return
     start, d = place(q), heading(q)
     for i in range(len(world.joins.target)):
-        target = targets.scene_to(world.joins.target[i], world).target
+        scene = targets.scene_to(world.joins.target[i], world)
+        target = scene.target
         facing = dot(d, target.axis)
         if facing <= 1e-9 or facing < target.cos_half_fov:
             continue
@@ -130,6 +147,8 @@ def join_hits(q, world, same_side):
             continue
         # q.weight is already over `density`
         here = _point_density(r, facing, target, q.chance)
+        if q.facet >= 0:
+            here = _mirror_density(start, q, scene)
         weight = q.weight * q.density / (q.density + here)
         weight *= math.exp(-depth_between(world.medium, start, along(start, d, r), r))
         if weight > 0.0:

@@ -294,9 +294,10 @@ class JoinedPhotons:
         if link.physics.absorption == "continuous" and link.physics.free_path != "local_c":
             often = max(1.0, _FREQUENT / (b * depth)) if b > 0.0 else 1.0
         # attenuated by a + b (1 - g): light that is scattered forwards stays in the view
+        in_water = link.direction == "under"
         window = Window(
             diffuse=False, kappa=a + turned, length=0.0, beyond=0.0, highest=_CLEAR_HIGHEST,
-            bent=0.0,
+            bent=0.0, in_water=in_water,
         )  # fmt: skip
         # diffusion theory: D = 1 / (3 (a + b (1 - g))), decay (a / D)^(1/2), and an extrapolated
         # boundary beyond the surface, where the fluence would vanish
@@ -304,7 +305,7 @@ class JoinedPhotons:
             diffusion = 1.0 / (3.0 * (a + turned))
             window = Window(
                 diffuse=True, kappa=math.sqrt(a / diffusion), length=1.0 / (a + turned),
-                beyond=_BOUNDARY * diffusion, highest=_HIGHEST, bent=0.0,
+                beyond=_BOUNDARY * diffusion, highest=_HIGHEST, bent=0.0, in_water=in_water,
             )  # fmt: skip
         # crossings are drawn somewhat wider than slopes of waves and random ones carry them
         spread = _SPREAD * math.sqrt(rough + arrays.mean_square_slope(surface))
@@ -322,12 +323,12 @@ class JoinedPhotons:
         records = np.zeros(len(run.targets), TARGET)
         # area over which slopes spread light, per squared height: 2 pi sigma_a sigma_c (n - 1)^2
         blur = 2.0 * math.pi * surface.roughness.along * surface.roughness.across
-        turn = 2.0 if link.direction == "under" else link.water.n / link.n_air - 1.0
+        turn = 2.0 if in_water else link.water.n / link.n_air - 1.0
         blur *= turn**2
         records["first"] = run.first
         for row, target, part in zip(records, run.targets, run.share, strict=True):
             _fill(row, target, part, 1.0 / max(a + b, 1e-300))  # no division by 0 in clear water
-            if link.direction == "under":
+            if in_water:
                 _see_in_water(row, sources)
             if not target.is_lamp and rough > 0.0:
                 # the wider an aperture against the blur by slopes, the more of its points slopes
@@ -336,18 +337,23 @@ class JoinedPhotons:
                 row["sloped"] = sloped if sloped > _LEAST_SLOPED else 0.0
         # ceiling division: evenly spaced, at most _GUIDES
         guides = records[:: -(-len(records) // _GUIDES)].copy()
+        if in_water:
+            guides = np.concatenate([guides, _images(guides, sources, window.kappa, spread)])
         # without random slopes collisions alone are joined, and no connection is left out
         still = rough == 0.0
         decay = 0.0 if still and not window.diffuse else _DECAY * (a + b)
-        if link.direction == "under":
+        if in_water:
             decay = 0.0  # straight connections bring light from any depth
         lobe = _LOBE if still else 0.0 if window.bent > 0.0 else _ROUGH_LOBE
-        # even directions over a cone cost more copies than they save close to a receiver
-        cone = 0.0 if window.diffuse or link.direction == "under" else _CONE
+        cone = 0.0 if window.diffuse else _CONE
         first = min(run.first)
+        start = _START if first == 1 else 0.0
+        start_lobe, start_cone = start * lobe, start * cone
+        if in_water:  # close to a receiver even directions cost more copies than they save
+            cone = 0.0
         return Joins(
             records, guides, first, self._direct, water, bubble, bins, facets, spread, decay,
-            often * b, often, _START if first == 1 else 0.0, lobe, cone, window,
+            often * b, often, start_lobe, start_cone, lobe, cone, window,
         )  # fmt: skip
 
     def _is_aimed(self, sources: Sources, targets: list[Target], spread: float) -> bool:
@@ -476,6 +482,27 @@ def _see_in_water(row: np.void, sources: Sources) -> None:
     far = np.linalg.norm(sources.position - row["center"], axis=1).max()
     row["seen"][:3] = row["center"]
     row["seen"][3] = max(float(row["radius"]), _SEEN_SHARE * float(far))
+
+
+def _images(
+    guides: NDArray[np.void], sources: Sources, kappa: float, spread: float
+) -> NDArray[np.void]:
+    """Return guides to the images of receivers in still water, where their light counts.
+
+    `spread` is the standard deviation of the slopes of the sea.
+    """
+    images = guides.copy()
+    images["mirror"] = 1
+    images["seen"][:, 2] *= -1.0
+    # two standard deviations of slopes turn light by four: over the depth of the receiver
+    glitter = np.minimum(4.0 * spread, 1.0) * images["seen"][:, 2]
+    images["seen"][:, 3] = np.maximum(images["seen"][:, 3], glitter)
+    # beyond e^-3 of the straight light the mirror is not worth directions of its own
+    straight, mirrored = (
+        np.linalg.norm(sources.position[:, None] - end["seen"][:, :3], axis=-1).min(axis=0)
+        for end in (guides, images)
+    )
+    return images[kappa * (mirrored - straight) < 3.0]
 
 
 def _fill(row: np.void, target: Target, share: float, free_path: float) -> None:

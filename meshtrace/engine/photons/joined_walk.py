@@ -59,7 +59,7 @@ def _emitted(cos_theta, kind, spread):
 def guide_start(d, p, source, photon, uv, world):
     """Return (direction, weight) of a new photon, possibly guided to the view of a target.
 
-    Array twin: photons with `Joins.start` = 0.
+    Array twin: photons with `Joins.start_lobe` and `start_cone`.
     d is drawn from the pattern of the source; p is the position, `uv` the two uniforms of the point
     of the apertures that is aimed at. The mixture has three parts: the pattern, the phase function
     about the ways to the targets, as after a first collision, and directions uniform over the cones
@@ -67,7 +67,7 @@ def guide_start(d, p, source, photon, uv, world):
     """
     joins, sources = world.joins, world.sources
     # chances of the two guided parts of the mixture, each shared equally by the n guides
-    lobe, cone, n = joins.start * joins.lobe, joins.start * joins.cone, len(joins.guide)
+    lobe, cone, n = joins.start_lobe, joins.start_cone, len(joins.guide)
     kind = sources.kind[source]
     # Beams have their own direction: others would carry none of their light. Light from the air
     # is bent before any target sees it.
@@ -170,9 +170,9 @@ def importance(p, joins):
         seen = joins.guide[i].seen  # see `targets.TARGET`
         dx, dy = p.x - seen[0], p.y - seen[1]
         square = dx * dx + dy * dy
-        if seen[2] < 0.0:
-            # a receiver in the water: falls with the distance from it, in turbid water softened
-            # within a transport length
+        if window.in_water:
+            # falls with the distance from the receiver, or its image in the surface; in turbid
+            # water softened within a transport length
             soft = window.length if window.diffuse else 0.0
             square += (p.z - seen[2]) * (p.z - seen[2])
             r = math.sqrt(square)
@@ -386,6 +386,20 @@ def _stays(q, world):
     return survives(q, along(place(q), heading(q), way), share, u_survival, world)
 
 
+@inlined
+def _note_mirror(q, facet, world, same_side):
+    """Note the facet that reflects a photon, if its way to a receiver is joined by hits, too.
+
+    Without random slopes that is the first facet after an event; light of further ones, and over
+    random slopes, is joined by its crossing or at its next collision.
+    """
+    is_joined = q.density > 0.0 and not interface.is_rough(world.surface.roughness)
+    if targets.is_mirrored(same_side) and is_joined and q.facet < 0:
+        q.facet = facet
+    else:
+        q.density = 0.0
+
+
 @outlined
 def _reflect(q, facet, world):
     """Reflect a photon off a facet; return whether it lives."""
@@ -397,7 +411,7 @@ def _reflect(q, facet, world):
     q.reflections += 1
     q.returns += 1
     q.weight *= rho * world.interface.foam_transmittance
-    q.density = 0.0
+    _note_mirror(q, facet, world, world.same_side)
     if q.weight == 0.0 or not survives(q, place(q), 1.0, u_survival, world):
         return False
     put(q, along(p, g, -_HAIR))

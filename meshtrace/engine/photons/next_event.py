@@ -331,6 +331,7 @@ def join_collision(q, at_bottom, world):
     q.order += 1
     q.is_guided = 1 if q.copies + targets.SPARE < len(world.photon) else 0
     start, q.density = place(q), 0.0
+    targets.note_event(q, world.same_side)
     q.level = level = targets.level_over(start, world)
     if q.returns + 1 < joins.first:
         return
@@ -441,9 +442,15 @@ def _join_at(at, facet, multiplicity, q, i, shot, scene, world):
         second = world.interface.follow_second_hit or scene.reflects
         if second and not _is_clear(p, m.r, m.flight, facet, world):
             return
-    # all points of the aperture: |A| dOmega / dx at the one that photons are joined to
-    weight *= scene.target.area * per_area * crossing.transmittance(m, scene) / q.chance
     phase, theta = targets.after_event(m.w, q, world)
+    # all points of the aperture: |A| dOmega / dx at the one that photons are joined to, the inverse
+    # of a density of directions
+    per_direction = scene.target.area * per_area / q.chance
+    if scene.reflects:
+        # balance heuristic: the photon that goes on may hit the aperture by this mirror, too
+        drawn = targets.drawn_after(m.w, phase, q, world)
+        per_direction /= 1.0 + drawn * per_direction
+    weight *= per_direction * crossing.transmittance(m, scene)
     weight *= phase
     weight *= math.exp(-depth_between(world.medium, start, p, m.length))
     weight *= multiplicity * _passed_behind(p, m, scene)

@@ -36,6 +36,7 @@ from meshtrace.kernels.vectors import (
     norm,
     on_circle,
     scaled,
+    write,
 )
 
 JOINED_PHOTON = record_type(
@@ -56,6 +57,8 @@ JOINED_PHOTON = record_type(
         ("guide", np.int64),  # index into `Joins.guide` for that law
         ("chance", float),  # of the connection of its last event
         ("air", float),  # path in the air from the source to the water [m]
+        ("event_at", float, (3,)),  # place of its last event, of links on one side [m]
+        ("facet", np.int64),  # that has reflected it since, -1 without one
         ("at_bottom", np.int64),  # whether its last event was at the bottom
     ]
 )
@@ -85,6 +88,7 @@ TARGET = record_type(
         ("share", float),  # factor on its scores
         ("first", np.int64),  # 1: scores all light; 2: that which surface or bottom reflect first
         ("sloped", float),  # share of the points that drawn slopes land on, instead of even ones
+        ("mirror", np.int64),  # 1: a guide by the mirror of still water to a receiver in the water
         # what it sees: centre (x, y, z) and radius of a disk of still water, or of a sphere about a
         # receiver on the side of the lamp [m]
         ("seen", float, (4,)),
@@ -102,6 +106,7 @@ class Window(NamedTuple):
     beyond: float  # height of the extrapolated boundary above still water [m]
     highest: float  # weight times importance, over that of the start, from which photons split
     bent: float  # fall of the importance with the bend of the light at the crossing
+    in_water: bool  # receivers lie in the water, and the importance falls with their distance
 
 
 class Joins(NamedTuple):
@@ -119,7 +124,8 @@ class Joins(NamedTuple):
     decay: float  # of the chance of a connection with the depth [m-1]
     b: float  # mean rate of the collisions that are drawn [m-1]
     often: float  # rate of collisions, over that of light
-    start: float  # factor on the next shares for the directions in which photons start
+    start_lobe: float  # shares of the directions in which photons start, as the next two
+    start_cone: float
     lobe: float  # directions drawn about the ways to the guides, per collision
     cone: float  # those drawn even over the cones to what they see
     window: Window
@@ -372,6 +378,14 @@ def mixed_phase(d, w, p, world):
 
 
 @inlined
+def note_event(q, same_side):
+    """Note the place of an event of a photon, from which a mirrored way starts."""
+    if same_side is not None:
+        write(q.event_at, place(q))
+        q.facet = -1
+
+
+@inlined
 def after_event(w, q, world):
     """Return the density of directions [sr-1] along w after an event, and the scattering angle.
 
@@ -537,7 +551,7 @@ def way_to(i, p, level, uv, world):
     """Return the direction from p to a point of guide i: straight, or through still water."""
     scene = scene_to(world.joins.guide[i], world)
     goal = goal_on(scene.target, uv.x, uv.y)
-    if scene.reflects:
+    if scene.reflects and world.joins.guide[i].mirror == 0:
         way = minus(point_of(goal, scene.target), p)
         return scaled(1.0 / norm(way), way)
     still = still_crossing(p, goal, level, scene)
