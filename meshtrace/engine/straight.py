@@ -29,7 +29,7 @@ def straight_gains(
     tau = (
         0.0
         if link.direction == "over"
-        else depth_between.py_func(medium, Vec3(*start.tolist()), target.center, r)
+        else float(medium.a + medium.b) * r
     )
     gain = intensity(emitter, Vec3(*w.tolist())) * target.area * facing / r**2 * math.exp(-tau)
     return gain, 1e-4 if gain else 0.0
