@@ -8,8 +8,9 @@ import numpy as np
 
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.setup.ends import ForcedLink
-from meshtrace.kernels.medium import Medium, depth_between
-from meshtrace.kernels.sources import intensity
+from meshtrace.kernels.medium import Medium
+from meshtrace.kernels.scene import Emitter
+from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.vectors import Vec3
 
 
@@ -26,10 +27,23 @@ def straight_gains(
     facing = float(w @ np.array(target.axis))
     if facing <= 0.0 or facing < target.cos_half_fov:
         return 0.0, 0.0
-    tau = (
-        0.0
-        if link.direction == "over"
-        else float(medium.a + medium.b) * r
+    tau = 0.0 if link.direction == "over" else float(medium.a + medium.b) * r
+    gain = (
+        _intensity(emitter, float(w @ np.array(emitter.axis)))
+        * target.area
+        * facing
+        / r**2
+        * math.exp(-tau)
     )
-    gain = intensity(emitter, Vec3(*w.tolist())) * target.area * facing / r**2 * math.exp(-tau)
     return gain, 1e-4 if gain else 0.0
+
+
+def _intensity(emitter: Emitter, cosine: float) -> float:
+    if emitter.kind == SourceKind.ISOTROPIC:
+        return emitter.norm
+    if emitter.kind == SourceKind.LED:
+        return emitter.norm * max(cosine, 0.0) ** emitter.spread
+    theta = math.acos(min(max(cosine, -1.0), 1.0))
+    if emitter.kind == SourceKind.GAUSSIAN_BEAM:
+        return emitter.norm * math.exp(-2.0 * (theta / emitter.spread) ** 2)
+    return emitter.norm if theta <= emitter.spread else 0.0
