@@ -23,6 +23,8 @@ def straight_gains(
     start = np.array(at if at is not None else emitter.position)
     way = np.array(target.center) - start
     r = float(np.linalg.norm(way))
+    if r == 0.0:
+        return 0.0, 0.0
     w = way / r
     facing = float(w @ np.array(target.axis))
     if facing <= 0.0 or facing < target.cos_half_fov:
