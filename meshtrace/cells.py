@@ -92,7 +92,7 @@ class Cells:
         return values
 
     def refused(self, row: int, index: int, text: str, problem: str, allowed: str) -> Refused:
-        """Return the refusal of a cell."""
+        """Return the error that refuses a cell."""
         where = f"{self.place} {self.places[row]}, column {text or index + 1}"
         kind = TEXT if self.place == "line" else "columns of numbers"
         return Refused(self.name, Described(f"{where}: {problem}"), f"{kind}, {allowed}")
@@ -113,7 +113,7 @@ class Cells:
 
 
 def _reads(word: str, comma: bool = True) -> bool:
-    """Return whether a word is a number, of Fortran or with a decimal comma included."""
+    """Return whether a word is a number, also with a Fortran exponent or a decimal comma."""
     plain = _FORTRAN.sub(r"\1e\2", word)
     return reads_as_number(plain) or (comma and bool(_DECIMAL_COMMA.fullmatch(plain)))
 
@@ -233,7 +233,7 @@ def _separator(line: str) -> str:
 
 
 def _heads(lines_of_words: list[list[str]]) -> int:
-    """Return the number of rows above the numbers: of words where the last row has numbers."""
+    """Return the number of rows that have words where the last row has numbers."""
     of_numbers = [i for i, word in enumerate(lines_of_words[-1]) if _reads(word)]
     for above, row in enumerate(lines_of_words[:3]):
         words = [row[i] for i in of_numbers if i < len(row)]
@@ -276,7 +276,7 @@ def _cells_of_frame(frame: Any, name: str) -> Cells:
 
 
 def _of_series(series: Any) -> Any:
-    """Return a column of a data frame as numbers, or as words if it holds others."""
+    """Return a column of a data frame as numbers, or as words if not all of it is numbers."""
     import pandas as pd
 
     if series.dtype.kind in "mM":

@@ -61,7 +61,7 @@ class SurfaceModel(MeshSource, Protocol):
 
 @runtime_checkable
 class PlaneSurface(SurfaceModel, Protocol):
-    """A plane: facets of any size lie in it."""
+    """A plane, in which facets of any size lie."""
 
     @property
     def gradient(self) -> tuple[float, float]:
@@ -89,7 +89,7 @@ class WaveSum(SurfaceModel, Protocol):
 
 
 def require_surface(surface: Any) -> None:
-    """Refuse all but a source of meshes and a mesh."""
+    """Refuse what is neither a source of meshes nor a mesh."""
     if not isinstance(surface, MeshSource | TriangleMesh):
         kind = Described(type(surface).__name__)
         raise Refused("surface", kind, "a sea (SurfaceModel) or a TriangleMesh")

@@ -1,4 +1,4 @@
-"""Threads and processes: cores, ordered maps, their pace, free memory, BLAS, other Pythons."""
+"""Run threads and processes: number of cores, ordered maps, expected times, BLAS, memory."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _QUOTA = Path("/sys/fs/cgroup/cpu.max")
 
 
 def cores() -> int:
-    """Return the number of cores that this process may use: of its affinity and its container."""
+    """Return the number of cores that the affinity and the container of this process allow."""
     if hasattr(os, "sched_getaffinity"):
         allowed = len(os.sched_getaffinity(0))
     else:
@@ -60,7 +60,7 @@ _SAFE = {"PYTHONSAFEPATH": "1"}
 
 
 def python_start(*arguments: str, env: Mapping[str, str] | None = None) -> Start:
-    """Return command line and environment of another Python.
+    """Return the command line and the environment that start another Python.
 
     All processes of Python are started by it, or within `safe_processes`: modules in the working
     directory, which may be the folder of a stranger, are not run unasked. `import_modules` finds
@@ -78,7 +78,7 @@ def python_start(*arguments: str, env: Mapping[str, str] | None = None) -> Start
 
 
 def import_path() -> str:
-    """Return the folders that this process imports from, for PYTHONPATH of another one.
+    """Return the folders that this process imports from, as the PYTHONPATH of another one.
 
     That from which it was started is left out, unless this package lies there.
     """
@@ -90,7 +90,7 @@ def import_path() -> str:
 
 @contextmanager
 def safe_processes() -> Iterator[None]:
-    """Start all Pythons of the block as `python_start` does, those of other packages, too."""
+    """Start each Python of a block as `python_start` does, also those of other packages."""
     before = {name: os.environ.get(name) for name in _SAFE}
     os.environ.update(_SAFE)
     try:
@@ -115,7 +115,7 @@ def trim_memory() -> None:
 
 
 class _Blas:
-    """Threads of BLAS, held to one by works of any thread, one within another or side by side."""
+    """Limit of BLAS to one thread while any computation needs it, nested or concurrent."""
 
     def __init__(self) -> None:
         self._turn, self._works = Lock(), 0
@@ -155,7 +155,7 @@ def _libraries(scipy: bool) -> Any:
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Hold BLAS to one thread while a work runs, whose threads are those that its user asked for.
+    """Limit BLAS to one thread while a computation runs on the threads that its user asked for.
 
     BLAS would keep all cores busy, by waiting for the most part, and the last digits of its
     products may change with their number.
@@ -168,7 +168,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def held(function: Callable[Options, Result]) -> Callable[Options, Result]:
-    """Return a function that runs with BLAS held to one thread."""
+    """Return a function that runs with BLAS limited to one thread."""
 
     @wraps(function)
     def alone(*arguments: Options.args, **options: Options.kwargs) -> Result:
@@ -250,17 +250,17 @@ _MEASURED = 1.0  # [s] after the first result, which may have waited for compila
 
 
 class LongWork(UserWarning):
-    """Expected time of a work that takes minutes or more."""
+    """Warning with the expected time of a computation of minutes or more."""
 
 
 def announce(seconds: float, work: str, least: float = LONG) -> None:
-    """Warn of a work that is expected to take more than `least` seconds."""
+    """Warn of a computation that is expected to take more than `least` seconds."""
     if seconds > least:
         warnings.warn(f"{work}: about {duration(seconds)}", LongWork, stacklevel=2)
 
 
 class Pace:
-    """Pace of a work, whose time is announced from the rate of its first results.
+    """Pace of a computation: announces its total time from the rate of its first results.
 
     Parameters
     ----------
@@ -346,7 +346,7 @@ def job_times() -> Iterator[list[list[float]]]:
 def _timed(
     function: Callable[[Job], Result], recorded: list[list[float]]
 ) -> Callable[[Job], Result]:
-    """Return a function that appends its CPU seconds to a new row."""
+    """Return a function that records the CPU seconds of each call in a new list of `recorded`."""
     row: list[float] = []
     recorded.append(row)
 
