@@ -88,12 +88,12 @@ class TileSums:
 
     @classmethod
     def of_row(cls, row: Floats) -> TileSums:
-        """Return the sums of a row of numbers."""
+        """Return the sums that `to_row` wrote."""
         cells = (len(row) - 1) // (SHIFTS + 1)
         return cls(int(row[0]), row[1 + cells :].reshape(SHIFTS, cells), row[1 : 1 + cells])
 
     def __add__(self, other: TileSums) -> TileSums:
-        """Return the sums of both sets of chains, which weigh by their numbers."""
+        """Return the sums of two sets of chains together, weighted by their numbers."""
         n, share = self.chains + other.chains, other.chains / (self.chains + other.chains)
         # both are means: that of all chains weighs them by their shares, and sums of squares by the
         # squares of these
@@ -127,7 +127,7 @@ def mean_of_times(times: Sequence[TileSums]) -> TileSums:
 
 
 def further(by_tile: Sequence[TileSums], lack: Floats) -> dict[int, int]:
-    """Return the number of further chains of each tile that lacks some, by its number.
+    """Return the number of further chains that tiles need, by tile number.
 
     `lack` (tiles,) is that of `CellChains.lack`.
     """
@@ -159,7 +159,7 @@ class _SquareDrawer(ChainDrawer):
 
 
 class CellChains:
-    """Chains to the cells of a map.
+    """Scattering chains aimed at the cells of a map.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ class CellChains:
 
     @property
     def serves(self) -> bool:
-        """Whether these chains serve: scattered light, clear water, and random slopes."""
+        """Whether chains can serve the map: with scattering, clear water and random slopes."""
         # without random slopes each cell has crossings of its own; in turbid water photons are
         # the better estimator anywhere, see `choice`
         clear = max(law.expected for law in self._drawer.nominals) < TURBID
@@ -239,9 +239,9 @@ class CellChains:
         return math.isqrt(len(self.tiles))
 
     def omits(self, gain: Floats) -> bool:
-        """Return whether light that is reflected first, which chains omit, counts in any tile.
+        """Return whether chains omit too much light, reflected first, in any tile.
 
-        By its estimate in the middle of each tile, over the gain of the map's cells (n, n).
+        `gain` (n, n) is that of the cells; the light is estimated in the middle of each tile.
         """
         middle = np.array([gain[tile].mean() for tile in self.tiles])
         least = LITTLE * np.maximum(middle, LIT * gain.max())
@@ -274,14 +274,14 @@ class CellChains:
         return bool((np.abs(total) <= _DOUBT * np.sqrt(square)).all())
 
     def cost(self, chains: Floats) -> float:
-        """Return the time of a map whose tiles take such numbers of chains, in analog photons."""
+        """Return the time of a map, in analog photons, from the numbers of chains of its tiles."""
         # per tile, times all of them: with a stride `chains` is a sample of the tiles
         cells = self._grid.n**2 / self._number
         each = float(np.mean(chains)) * (_TO_CELL * cells + _TO_TILE) + _OF_TILE
         return len(self._aimed) * self._number * each
 
     def lack(self, by_tile: Sequence[TileSums], direct: Floats, rtol: float) -> Floats:
-        """Return the ratio of the chains that each tile needs to those that it has.
+        """Return the number of chains that each tile needs, over the number that it has.
 
         For a relative error of all of its cells, and scattered light worth `_FEWEST` equal chains
         where it matters; `direct` is the unscattered gain of the cells (n, n).
@@ -301,7 +301,7 @@ class CellChains:
         return np.array(ratios)
 
     def sums(self, time: int, tile: int, chains: int, first: int) -> TileSums:
-        """Return the light of chains over the surface of a time.
+        """Return the light that chains bring to a tile over the surface at a time.
 
         Parameters
         ----------
@@ -355,7 +355,7 @@ class CellChains:
             total.square[cells] += square * (share / request.number) ** 2
 
     def _places(self, tile: Tile) -> Floats:
-        """Return the middles of the cells of a tile in the frame of the link, (cells, 3)."""
+        """Return the centres (cells, 3) of the cells of a tile, in the frame of the link."""
         x, y = np.meshgrid(*(self._grid.axes[part] for part in tile), indexing="ij")
         height = np.full(x.size, self._grid.height)
         return self._drawer.link.frame.points(np.column_stack([x.ravel(), y.ravel(), height]))
@@ -364,7 +364,7 @@ class CellChains:
 def _tiles(
     link: Link, grid: IrradianceMap, stride: int
 ) -> tuple[list[Tile], list[tuple[float, float]], int]:
-    """Return tiles of a map, their middles [m], and the number of tiles without a stride.
+    """Return tiles of a map, their centres [m], and the number of tiles without a stride.
 
     Tiles have about the same number of cells along each side, at least one.
     """

@@ -1,10 +1,10 @@
 """Choice of the estimators of the scattered light, receiver by receiver.
 
-Chains that are aimed at the aperture are efficient where a lamp lights much of the surface and
-light arrives by small angles; for beams narrower than the spread by random slopes, large angles
-and many scatterings joined photons are. Pilots of both over still water decide; those of the
-chains also allot their numbers to the orders. A closed estimate says whether light that the
-surface reflects first is worth photons of its own.
+Chains that are aimed at the aperture are efficient where a lamp illuminates much of the surface and
+light is scattered by small angles. Joined photons are efficient for beams narrower than the spread
+by random slopes, for large angles and for many scatterings. Pilot runs of both over still water
+decide; those of chains also determine how many chains each order of scattering gets. A closed-form
+estimate tells whether light that the surface reflects before it crosses is worth photons.
 """
 
 from __future__ import annotations
@@ -32,40 +32,43 @@ from meshtrace.stored import SHIFTS
 
 PILOT = 128
 """Chains of each order in the first pilot."""
-# chains that bring light, below which a pilot of as many times the chains replaces it, and pilots
-# of an order at most
+# A pilot with fewer contributing chains than _PILOT_HITS is replaced by one with _PILOT_GROWTH
+# times the chains; _PILOT_STEPS pilots of an order at most. Tuned: time, or orders misjudged.
 _PILOT_HITS, _PILOT_GROWTH, _PILOT_STEPS = 4, 4, 3
-_FLOOR = 0.2  # share of the chains allotted by the Poisson law alone
+_FLOOR = 0.2  # share of the chains allotted by the Poisson law alone; tuned: noise, orders missed
+_ORDER_COST = 0.3  # further time of a chain by each scattering, over that of a chain without any
 
 PILOT_PHOTONS = 8192
 """Joined photons of a pilot."""
 
 PER_CHAIN, REFLECTED_PER_CHAIN = 8.0, 2.0
-"""Joined photons in place of a chain, and for light that the surface reflects first alone."""
+"""Joined photons in place of a chain: for scattered light, and for light reflected first alone."""
 ANALOG_PER_CHAIN = 32.0
-"""Analog photons in place of a chain: about the time of the joined ones."""
-_SHARED_PER_CHAIN = 1.0  # in place of a chain that would serve other wavelengths
+"""Analog photons in place of a chain: they take about as long as the joined ones."""
+# Joined photons in place of a chain where chains would serve some wavelengths, see `choose_common`.
+_SHARED_PER_CHAIN = 1.0
 
-_EFFICIENT = 4.0  # relative variance of a chain up to which no other estimator is tried
+# Thresholds of the choice, all tuned: time, or light that is missed.
+_EFFICIENT = 4.0  # squared relative deviation of one chain up to which no other estimator is tried
 _COST = 3.0  # time of a chain over that of a joined photon
-_TURBID_COST = 2.0  # the same in turbid water, times the scatterings on the way
-_ANALOG_COST = 8.0  # time of a chain or joined photon over that of an analog one: 5 to 40
-_TAIL = 6.0  # variance of chains and joined photons in long runs over that of pilots: 1 to 14
-_HALF = 0.5  # of the light of the photons: chains that see less are not trusted, however sure
-_SURE = 10.0  # means over standard errors: that of 100 equal samples
-_DOUBT = 3.5  # standard errors by which the pilots may differ: beyond, chains miss light
+_TURBID_COST = 2.0  # the same in turbid water: this, over the scatterings expected on the way
+_ANALOG_COST = 8.0  # time of a chain or joined photon over that of an analog one; 5 to 40
+_TAIL = 6.0  # variance of aimed samples in long runs over that of their pilots; from 1 to 14
+_HALF = 0.5  # chains with less than this share of the light of photons are not trusted
+_SURE = 10.0  # mean over standard error below which a pilot is uncertain: fewer than 100 samples
+_DOUBT = 3.5  # standard errors by which photons may exceed chains: beyond, chains miss light
 
 
 class Pilot(NamedTuple):
-    """Statistics of pilot chains over a flat sea, by receiver and order from 1 on."""
+    """Statistics of pilot chains over still water, shapes (receivers, orders from 1 on)."""
 
-    chains: Floats  # (receivers, orders)
-    mean: Floats  # (receivers, orders)
-    spread: Floats  # (receivers, orders) standard deviation of one chain
+    chains: Floats  # number
+    mean: Floats  # gain
+    spread: Floats  # standard deviation of the score of one chain
 
     @classmethod
     def of_orders(cls, table: Floats) -> Pilot:
-        """Return the pilot of statistics (orders, 4, receivers), see `pilot_statistics`."""
+        """Return the pilot with statistics (orders, 4, receivers), see `pilot_statistics`."""
         chains, mean, spread, _ = table.transpose(1, 2, 0)
         return cls(chains, mean, spread)
 
@@ -76,22 +79,26 @@ class Pilot(NamedTuple):
     def joined(self, power: Floats) -> Pilot:
         """Return the pilot of a receiver in the water from those of its targets, the lamps.
 
-        `power` (targets,) has their shares of the power.
+        `power` (targets,) has the shares of the lamps in the power.
         """
+        # all lamps share the chains: the deviation of the sum is at most the sum of deviations
         return Pilot(self.chains[:1], (power @ self.mean)[None], (power @ self.spread)[None])
 
     def at_wavelengths(self, ratios: Floats, gain: Floats) -> tuple[Pilot, Floats]:
-        """Return the pilot and the gain of each receiver at each wavelength, one row each.
+        """Return the pilot and the gain of each receiver at all wavelengths.
 
-        Light of order K goes with the power K of the ratio of the scattering coefficients; the
-        attenuation is about the same for all orders.
+        Rows go through the receivers at the first wavelength, then at the second, and so on.
+
+        `ratios` (wavelengths,) are scattering coefficients over that of the pilot. Light of order K
+        scales with their power K; attenuation, about the same for all orders, is left out.
         """
         orders = self.mean.shape[1]
         power = ratios[:, None, None] ** np.arange(1, orders + 1)
+        # rounding may leave less than 0 beside the scattered light
         direct = np.maximum(gain - self.mean.sum(axis=1), 0.0)
         mean, spread = power * self.mean, power * self.spread
         columns = (np.broadcast_to(self.chains, mean.shape), mean, spread)
-        # -1 cannot stand for the rows where water that does not scatter leaves no orders
+        # no -1 for the rows: reshape cannot infer them where clear water leaves 0 orders
         pilot = Pilot(*(x.reshape(mean.shape[0] * mean.shape[1], orders) for x in columns))
         return pilot, (direct + mean.sum(axis=2)).ravel()
 
@@ -102,30 +109,33 @@ def pilot_statistics(
     targets: Sequence[int],
     request: Request,
 ) -> list[Floats]:
-    """Return number, mean, deviation and hits of pilot chains of one order, over each surface.
+    """Return number, mean, deviation and hits of pilot chains of one order, for each surface.
 
-    Of shape (wavelengths, 4, targets); targets that few chains reach get more of them.
+    Each array has the shape (wavelengths, 4, targets). Targets that few chains reach get more of
+    them.
     """
-    # each surface repeats the targets that its own chains reach too rarely
     statistics = [np.zeros((surface.wavelengths, 4, len(targets))) for surface in surfaces]
-    few = [list(range(len(targets))) for _ in surfaces]
+    # indices into `targets` that each surface still needs chains for
+    unsettled = [list(range(len(targets))) for _ in surfaces]
     for step in range(_PILOT_STEPS):
-        # a later pilot replaces the earlier one: joining both would favour those that saw light
+        # a later pilot replaces the earlier one: averaging both would be biased, as only pilots
+        # without light are repeated
         per_shift = request.per_shift * _PILOT_GROWTH**step
-        wanted = request._replace(per_shift=per_shift, key=(*request.key, 2 + step))
-        chains = drawer.draw(wanted, [targets[i] for i in sorted(set().union(*few))])
-        for surface, of_surface, indices in zip(surfaces, statistics, few, strict=True):
+        # keys end in a purpose: 1 for the chains of a run, from 2 on for pilots
+        larger = request._replace(per_shift=per_shift, key=(*request.key, 2 + step))
+        chains = drawer.draw(larger, [targets[i] for i in sorted(set().union(*unsettled))])
+        for surface, table, indices in zip(surfaces, statistics, unsettled, strict=True):
             for i in indices:
                 score = surface.aim(request.source, targets[i], chains).score
-                of_surface[:, 0, i] = score.shape[-1]
-                of_surface[:, 1, i] = score.mean(axis=-1)
-                of_surface[:, 2, i] = score.std(axis=-1)
-                of_surface[:, 3, i] = np.count_nonzero(score, axis=-1)
-        few = [
-            [i for i in indices if of_surface[:, 3, i].max() < _PILOT_HITS]
-            for of_surface, indices in zip(statistics, few, strict=True)
+                table[:, 0, i] = score.shape[-1]
+                table[:, 1, i] = score.mean(axis=-1)
+                table[:, 2, i] = score.std(axis=-1)
+                table[:, 3, i] = np.count_nonzero(score, axis=-1)
+        unsettled = [
+            [i for i in indices if table[:, 3, i].max() < _PILOT_HITS]
+            for table, indices in zip(statistics, unsettled, strict=True)
         ]
-        if not any(few):
+        if not any(unsettled):
             break
     return statistics
 
@@ -133,7 +143,7 @@ def pilot_statistics(
 def allotment(
     photons: int, expected: float, pilot: Pilot, gain: Floats, number: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Return the number of chains of each order and shift.
+    """Return the number of chains of each order, per shift of the points.
 
     Parameters
     ----------
@@ -141,22 +151,23 @@ def allotment(
         Chains in all.
     expected : float
         Scatterings expected on the way.
-    found : Pilot
-        Pilot of the receivers that rest on the chains.
+    pilot : Pilot
+        Pilot of the receivers that the chains serve.
     gain : ndarray, shape (receivers,)
-        Gain of each receiver, which its errors are compared with.
+        Gain of each receiver, to which its errors are relative.
     number : ndarray of int, shape (receivers,)
-        Number of receivers that each stands for.
+        Number of receivers that each of them stands for.
 
     Notes
     -----
-    The sum over the receivers of the squared relative errors is smallest for
-    n_K ~ sqrt(sum_r (sigma_rK / h_r)^2 / cost_K). A share of the chains follows the Poisson law
-    of the number of scatterings instead: an order that its pilot missed keeps a share.
+    In a given time the sum over receivers r of squared relative errors,
+    sum_rK (sigma_rK / h_r)^2 / n_K, is smallest for n_K ~ sqrt(sum_r (sigma_rK / h_r)^2 / cost_K),
+    with the gain h_r, the deviation sigma_rK of one chain of order K and its time cost_K (Neyman's
+    allocation). A share of the chains follows the Poisson law of the number of scatterings instead:
+    an order whose pilot saw no light gets some, too.
     """
     order = np.arange(1, pilot.mean.shape[1] + 1)
-    # sum_K sigma_K^2 / n_K is smallest in a given time for n_K ~ sigma_K / cost_K^(1/2)
-    cost = 1.0 + 0.3 * order
+    cost = 1.0 + _ORDER_COST * order
     scale = np.maximum(gain, 1e-300)[:, None]
     # sorted, so that rounding does not depend on the order of the receivers
     squares = number[:, None] * np.square(pilot.spread / scale)
@@ -165,15 +176,16 @@ def allotment(
     law = law / max(law.sum(), 1e-300)
     total = share.sum()
     mixed = law if total == 0.0 else (1.0 - _FLOOR) * share / total + _FLOOR * law
+    # at least 2 a shift: a single chain would gain nothing from Sobol points
     return np.maximum(np.ceil(mixed * photons / SHIFTS), 2).astype(np.int64)
 
 
 class ScatteredPilot(NamedTuple):
-    """Mean of the scattered gain and variance of one sample, by receiver."""
+    """Statistics of the scattered gain by one estimator, by receiver."""
 
     mean: Floats
-    variance: Floats
-    stderr: Floats
+    variance: Floats  # of one sample
+    stderr: Floats  # of the mean of the pilot
 
     def select(self, receivers: NDArray[np.bool_]) -> ScatteredPilot:
         """Select receivers by a mask."""
@@ -183,14 +195,16 @@ class ScatteredPilot(NamedTuple):
     def of_photons(cls, photons: Gains) -> ScatteredPilot:
         """Return the pilot of joined photons, without light that the surface reflects first."""
         mean = photons.parts[SCATTERED]
+        # `Gains.square` is sum s^2 / n^2 over n photons with scores s; this is the mean of s^2
         square = photons.square[SCATTERED] * photons.samples[SCATTERED]
         return cls(mean, square - mean**2, photons.part_stderr[SCATTERED])
 
 
 def chain_pilot(pilots: list[Pilot], link: ForcedLink) -> ScatteredPilot:
-    """Combine the pilots of the sources, for the optimal allotment of chains.
+    """Combine the pilots of the sources, as if chains were allotted optimally to the orders.
 
-    With n_K ~ sigma_K the variance times the number of chains is (sum_K sigma_K)^2.
+    With n_K ~ sigma_K chains of order K, the variance of the gain times the number of all chains is
+    (sum_K sigma_K)^2: the variance of one sample.
     """
     mean = link.by_receiver(np.array([p.mean.sum(axis=1) for p in pilots]))
     spread = link.by_receiver(np.array([p.spread.sum(axis=1) for p in pilots]))
@@ -201,10 +215,8 @@ def chain_pilot(pilots: list[Pilot], link: ForcedLink) -> ScatteredPilot:
 
 
 def is_clear(chains: ScatteredPilot) -> NDArray[np.bool_]:
-    """Return the receivers that chains serve well enough to skip the comparison.
-
-    Tails of chains that miss the aperture may be so small that their variance underflows.
-    """
+    """Return whether chains serve each receiver well enough to skip the comparison with photons."""
+    # chains that miss the aperture may bring so little light that its square underflows
     square = chains.mean**2
     return (square > np.finfo(float).tiny) & (chains.variance <= _EFFICIENT * square)
 
@@ -212,7 +224,8 @@ def is_clear(chains: ScatteredPilot) -> NDArray[np.bool_]:
 def chain_cost(expected: float) -> float:
     """Return the time of a chain relative to a joined photon.
 
-    In turbid water photons are scattered many times more than light on the way.
+    In turbid water a photon is scattered many times more often than `expected` on the way,
+    which makes photons the slower ones.
     """
     return _COST if expected < TURBID else _TURBID_COST / expected
 
@@ -220,12 +233,12 @@ def chain_cost(expected: float) -> float:
 def choose(chains: ScatteredPilot, photons: ScatteredPilot, expected: float = 0.0) -> list[Method]:
     """Choose the estimator with the smaller variance times time for each receiver.
 
-    Chains that miss much of the light have a small variance: where the photons find twice
-    the light or more than chance allows, or few chains bring all of it, chains are not trusted.
-    With many scatterings `expected` on the way few photons bring much of the light: twice the
-    light counts there only beyond two of their standard errors.
+    Chains that miss much of the light have a small variance. They are not trusted if photons bring
+    twice as much light, or more than chance explains, nor if few chains bring all of it. With many
+    scatterings `expected` on the way few photons bring much of the light: twice as much counts
+    there only if it exceeds two of their standard errors.
     """
-    # chains that miss light show no variance for it: only the other estimator can tell
+    # light that chains miss does not show in their variance: only photons reveal it
     missed = photons.mean - chains.mean > _DOUBT * np.hypot(photons.stderr, chains.stderr)
     certain = 2.0 * photons.stderr if expected >= TURBID else 0.0
     missed |= (chains.mean < _HALF * photons.mean) & (photons.mean - chains.mean > certain)
@@ -238,22 +251,22 @@ def choose(chains: ScatteredPilot, photons: ScatteredPilot, expected: float = 0.
 
 
 def prefer_analog(pilot: ScatteredPilot, largest: float, chosen: Sequence[Method]) -> list[Method]:
-    """Return the estimators, analog photons where their variance times time is smaller.
+    """Replace estimators by analog photons where these have a smaller variance times time.
 
     Parameters
     ----------
     pilot : ScatteredPilot
         Pilot of the chosen estimator of each receiver.
     largest : float
-        Largest score of a photon, that of the shortest way.
+        Largest score w of an analog photon, that on the shortest way.
     chosen : sequence of Method
         The better of chains and joined photons.
 
     Notes
     -----
     A score in [0, w] of mean h has a variance of h (w - h) at most [1]_, so that analog photons
-    need no pilot of their own. Pilots of few samples miss the tail of samples that are aimed:
-    their variance is that of a pilot times `_TAIL`. Ties go to the chosen ones.
+    need no pilot. Short pilots miss rare large scores of aimed samples, whose variance is taken
+    `_TAIL` times larger. Ties go to `chosen`.
 
     References
     ----------
@@ -261,7 +274,8 @@ def prefer_analog(pilot: ScatteredPilot, largest: float, chosen: Sequence[Method
        doi:10.1080/00029890.2000.12005203.
     """
     sure = np.maximum(pilot.mean - pilot.stderr, 0.0)  # a heavy sample raises the mean
-    # both sides times the mean, which may be 0: analog has the variance mean (w - mean) at most
+    # compares relative variances, variance / mean^2 and (w - mean) / mean at most for analog
+    # photons, both times mean^2 sure, as either mean may be 0
     analog = np.maximum(largest - sure, 0.0) * pilot.mean**2
     better = _ANALOG_COST * _TAIL * pilot.variance * sure > analog
     return ["analog" if b else m for b, m in zip(better, chosen, strict=True)]
@@ -270,7 +284,9 @@ def prefer_analog(pilot: ScatteredPilot, largest: float, chosen: Sequence[Method
 def samples_for(
     rtol: float, pilot: ScatteredPilot, gain: Floats, largest: float, method: Sequence[Method]
 ) -> float:
-    """Return the chains, or photons over those in place of one, for a relative error of each gain.
+    """Return the number of chains for a relative error of every gain.
+
+    Photons count as the chains that they take the place of.
 
     Parameters
     ----------
@@ -279,13 +295,14 @@ def samples_for(
     pilot : ScatteredPilot
         Pilot of the chosen estimator of each receiver.
     gain : ndarray, shape (receivers,)
-        Gain of each receiver with its unscattered light.
+        Gain of each receiver, including unscattered light.
     largest : float
         Largest score of an analog photon.
     method : sequence of {"chains", "joined", "analog"}
         Estimator of each receiver.
     """
     names = np.array(method)
+    # a score in [0, w] of mean h has a variance below h w, see `prefer_analog`
     variance = np.where(names == "analog", pilot.mean * largest, pilot.variance)
     each = np.select([names == "joined", names == "analog"], [PER_CHAIN, ANALOG_PER_CHAIN], 1.0)
     share = np.divide(variance, gain**2 * each, out=np.zeros(len(names)), where=gain > 0.0)
@@ -295,18 +312,18 @@ def samples_for(
 def choose_common(
     chains: list[ScatteredPilot], photons: list[ScatteredPilot], expected: Floats
 ) -> tuple[list[Method], float]:
-    """Choose one estimator for all wavelengths, given a pilot of each and the scatterings expected.
+    """Choose one estimator for all wavelengths from the pilots and expected scatterings of each.
 
-    Returns the estimators by receiver, and the joined photons in place of a chain.
+    Return the estimators by receiver, and the number of joined photons in place of a chain.
 
-    The one with the smaller sum of relative variances; chains that are not trusted at a wavelength
-    are left for it. Where chains would serve some wavelengths photons are fewer, for about twice
-    the time of a run of these.
+    Chosen is the estimator with the smaller sum of relative variances over the wavelengths, but
+    joined photons if chains are not trusted at any one of them. Where chains would serve some of
+    the wavelengths photons are fewer, so that they take about twice the time of the chains.
     """
     if len(chains) == 1:
         return choose(chains[0], photons[0], float(expected[0])), PER_CHAIN
-    # chosen: photons are the better at some wavelength; every: at all; missed: not for their time
-    # alone, but because chains are not trusted
+    # masks of receivers: photons are chosen at some wavelength; at every one; because chains are
+    # not trusted (missed), rather than for their time
     receivers = len(chains[0].mean)
     chosen, missed = np.zeros(receivers, bool), np.zeros(receivers, bool)
     total, every = np.zeros((2, receivers)), np.ones(receivers, bool)
@@ -322,21 +339,21 @@ def choose_common(
     return method, PER_CHAIN if every[joined].all() else _SHARED_PER_CHAIN
 
 
-_RINGS, _AZIMUTHS = 48, 12  # rays of a source in the closed estimate
+_RINGS, _AZIMUTHS = 48, 12  # rays of a source in `returned_gain`, in polar angle and azimuth
 LITTLE = 1e-3
-"""Share of a gain below which light that is reflected first may be left out."""
+"""Share of a gain below which light that the surface reflects first may be left out."""
 MEASURED = 0.2 * LITTLE
-"""Estimated share from which on photons measure it: beside tilted lamps estimates are up to five
-times too low."""
+"""Estimated share above which photons measure that light: the estimate may be five times too low
+beside tilted lamps."""
 MUCH = 0.02
-"""The same from which on it has all of its photons; below they are fewer in proportion."""
+"""Estimated share above which that light gets all of its photons, below it proportionally fewer."""
 
 
 def returned_gain(link: Link) -> Floats:
     r"""Estimate the gain of light that leaves the water after a reflection at the surface.
 
-    For light that goes down, the gain of light that is reflected at the surface before it arrives,
-    by the same estimate of the reversed light.
+    For a downlink, estimate the gain of light that the surface reflects from below before it
+    arrives, by the same formulas for light that runs backwards from the receiver.
 
     Returns
     -------
@@ -346,17 +363,18 @@ def returned_gain(link: Link) -> Floats:
     Notes
     -----
     Rays of equal power leave each source. Over the distance D to the surface they fall as
-    :math:`e^{-a D} / (1 + b_b D)`. The share :math:`1 - e^{-2 b_b D}` of them is diffuse at the
-    surface, which reflects :math:`r = 2 \int_0^1 \mu R(\mu) d\mu` of diffuse light, with the
-    Fresnel reflectance R. Water returns the share of Kubelka and Munk (1931),
+    :math:`e^{-a D} / (1 + b_b D)`, with absorption a and backscattering :math:`b_b`.
+    The share :math:`1 - e^{-2 b_b D}` of them is diffuse at the surface, which reflects
+    :math:`r = 2 \int_0^1 \mu R(\mu) d\mu` of diffuse light, with the Fresnel reflectance R.
+    Water returns the share of Kubelka and Munk (1931),
 
     .. math::
         R = (1 - \sqrt{1 - x^2}) / x, \quad x = b_b / (a + b_b),
 
-    as Lambert's light from a depth of about 1 / (2 (a + b_b)), of which 1 - r leaves. Diffuse
-    light is wider, as if from 3/4 of the depth of the source deeper: a factor chosen to agree
-    with analog photons. Layers count with their means above the source and with the largest x;
-    bubbles and waves are left out.
+    as Lambertian light from a depth of about 1 / (2 (a + b_b)), of which 1 - r leaves. Light that
+    was diffuse at the surface spreads wider, as if it came from deeper by 3/4 of the depth of the
+    source: a factor chosen to agree with analog photons. Layered water has the means of a and b
+    above the source, and the largest x; bubbles and waves are left out.
 
     Against analog photons scored from their second crossing on, and the difference of analog
     photons with `reflected="trace"` and "kill" (field of view 179 deg, r = 1 m, LED 60 deg and
@@ -377,8 +395,8 @@ def returned_gain(link: Link) -> Floats:
     isotropic, LED 10   0.05     10 m                   0.032(5) %     2.2(4)
     ==================  =======  =====================  =============  ===============
 
-    It lies between 1/1.5 and 3 times the analog one there. It has not been compared where light
-    arrives by scattering alone: few analog photons return there.
+    The estimate lies between 1/1.5 and 3 times the analog gain there. It has not been compared
+    where light arrives by scattering alone: few analog photons return there.
     """
     receivers = link.receivers
     gain = np.zeros(len(receivers))
@@ -390,23 +408,24 @@ def returned_gain(link: Link) -> Floats:
     # (1 - (1 - x^2)^(1/2)) / x without cancellation at small x (Kubelka and Munk, see above)
     albedo = x / (1.0 + math.sqrt(1.0 - x * x))
     down = link.direction == "down"
-    # radiance over n^2 is conserved across the surface
+    # reversed light starts in the water: radiance over n^2 is conserved across the surface
     scale = (water.n / link.n_air) ** 2 if down else 1.0
     total = sum(t.power_mw for t in link.transmitters)
     nodes, weights = gauss_legendre(64)
-    mu = 0.5 * (nodes + 1.0)  # of diffuse light from below: reflectance 0.47 at n = 1.33
+    # cosine of incidence, nodes mapped to (0, 1); r = 2 int mu R dmu is 0.47 at n = 1.33
+    mu = 0.5 * (nodes + 1.0)
     diffuse_reflectance = float((weights * mu * fresnel_reflectance(mu, water.n, link.n_air)).sum())
-    # geometric series of reflections between water and surface
+    # share of light sent down that leaves: geometric series of reflections by water and surface
     out = albedo * (1.0 - diffuse_reflectance) / (1.0 - albedo * diffuse_reflectance)
     for (i, end), source in product(enumerate(receivers), link.transmitters):
         low_end: Any = end if down else source
         high_end: Any = source if down else end
-        etendue = 1.0  # of an aperture in the water, whose light is reversed [m2 sr]
+        etendue = 1.0  # of an aperture in the water, A pi sin^2(fov / 2) [m2 sr], see `_seen`
         if down:
             etendue = (math.pi * end.radius * math.sin(math.radians(end.fov_deg) / 2.0)) ** 2
         depth = -low_end.center[2]
         a, b = mean_water(water, depth)
-        # an even source in the water is seen as if from this depth: the half of 1 / (a + b_b)
+        # apparent depth of the light that the water returns, half of 1 / (a + b_b)
         below = 0.5 / max(a + back * b, 1e-12)
         rays = _rays(low_end)
         length = depth / rays[:, 2]
@@ -416,18 +435,23 @@ def returned_gain(link: Link) -> Floats:
         mirrored = arriving * unturned * fresnel_reflectance(rays[:, 2], water.n, link.n_air)
         diffuse = arriving * (1.0 - unturned) * diffuse_reflectance
         for sent, low in ((mirrored, below), (diffuse, below + 0.75 * depth)):
+            # the ray, mirrored by the surface, has gone down by `below`: diffuse light, too
             place = rays[:, :2] * ((depth + below) / rays[:, 2:]) + low_end.position
             gain[i] += etendue * float(sent @ _seen(high_end, place, low))
     return gain
 
 
 def _rays(source: Any) -> Floats:
-    """Return directions of equal power, as of a Lambertian source, that go up."""
+    """Return the upward directions (rays, 3) of rays of equal power from a source.
+
+    Sources are Lambertian with their half-angle, or isotropic; a receiver sends Lambertian light
+    into its field of view.
+    """
     u = (np.arange(_RINGS) + 0.5) / _RINGS
     cosine = 1.0 - 2.0 * u
     axis = np.array(source.axis)
     if isinstance(source, WaterReceiver):
-        axis = -axis
+        axis = -axis  # of arriving light, turned to the view
         cosine = np.sqrt(1.0 - u * math.sin(math.radians(source.fov_deg) / 2.0) ** 2)
     elif source.spread_deg < 90.0:
         # a Lambertian source falls to half at its half-angle: cos^m = 1/2
@@ -439,15 +463,17 @@ def _rays(source: Any) -> Floats:
     s = np.sqrt(np.maximum(1.0 - c * c, 0.0))
     e1, e2 = (np.array(e) for e in across(tuple(axis.tolist())))
     rays = c[:, None] * axis + (s * np.cos(f))[:, None] * e1 + (s * np.sin(f))[:, None] * e2
-    # the way of a grazing ray is a hundred depths and more
+    # without grazing rays, whose way to the surface is a hundred depths and more
     return rays[rays[:, 2] > 0.01]
 
 
 def _seen(receiver: Any, place: Floats, below: float) -> Floats:
-    """Return the share of Lambert's power that leaves each place and is received.
+    """Return the share of Lambertian light that leaves each place and is received.
 
-    At a lamp, which is reached backwards, the light of its pattern per area [sr-1 m-2].
+    `place` (n, 2) are horizontal positions at the depth `below` [m]. For a lamp, reached by
+    reversed light, return its intensity per area [sr-1 m-2] instead of a share.
     """
+    # from the receiver to the places
     away = np.column_stack([place - receiver.center[:2], np.full(len(place), -below)])
     away[:, 2] -= receiver.center[2]
     distance = np.linalg.norm(away, axis=1)
@@ -455,7 +481,7 @@ def _seen(receiver: Any, place: Floats, below: float) -> Floats:
     if isinstance(receiver, AirLamp):
         intensity = lamp_intensity(receiver, away @ np.array(receiver.axis) / distance)
         return np.asarray(intensity * rise / (math.pi * distance**2))
-    # Lambert's law at the place, cos / pi, and the projected area of the aperture
+    # Lambert's law at the place, cos / pi [sr-1], and the projected area of the aperture
     view = -(away @ np.array(receiver.axis)) / distance
     seen = view > math.cos(math.radians(receiver.fov_deg) / 2.0)
     area = math.pi * receiver.radius**2
@@ -463,5 +489,5 @@ def _seen(receiver: Any, place: Floats, below: float) -> Floats:
 
 
 def counts(returned: Floats, gain: Floats, share: float = LITTLE) -> NDArray[np.bool_]:
-    """Return whether light that is reflected first exceeds a share of each gain > 0."""
+    """Return whether light that the surface reflects first exceeds a share of each gain > 0."""
     return (returned > share * gain) & (gain > 0.0)

@@ -1,14 +1,15 @@
-"""Correlated sampling: links with common chains and photons, at other wavelengths or nearby.
+"""Correlated sampling: links at several wavelengths, or neighbouring links, that share paths.
 
-The geometry of paths is the same for all wavelengths, up to the index of the water: paths of one
-of them, the base, bring light of all others by factors on their weights (`setup.tinting`). The
-index is followed by some paths at its extremes, between which gains are linear.
+Paths have the same geometry at all wavelengths but for the index of the water: those of one
+wavelength, the base, serve all others with factors on their weights (`setup.tinting`). To correct
+for the index, some paths are refracted by its smallest and largest value, between which gains are
+taken as linear.
 
-Two runs of the same seed for neighbouring links differ by more than the link: the number of chains
-of each order, the law of their free paths, the mesh and the chains whose facets are all searched
-follow the link. Here they are those of a base link, so that differences between links have little
-noise. Lengths of the law scale with the depth of the source: chains of a deeper source are the
-same chains, stretched.
+Two runs with the same seed for neighbouring links differ in more than the links: the number of
+chains of each order, the law of their free paths, the mesh, and the chains whose crossings are
+searched over all facets depend on the link. Here they are those of a base link, so that differences
+between links have little noise. Lengths of the law scale with the depth of the source: a deeper
+source has the same chains, stretched.
 """
 
 from __future__ import annotations
@@ -41,28 +42,31 @@ from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
 
 _INDEX_SHARE = 0.0625
-"""Share of the paths that are refracted again by the extreme indices: their noise cancels."""
+"""Share of the paths that extreme indices refract as well; tuned: time, noise of the correction.
 
-_RECENT_LINKS = 4  # last geometries whose chains are held
+A small share suffices, as the noise of the same paths cancels in differences."""
+
+_RECENT_LINKS = 4  # last geometries whose chains stay in memory; tuned: memory, time
 
 
 class SpectralDetection:
-    """Gains of one link at several wavelengths over any surface, with common paths.
+    """Gains of one link at several wavelengths over any surface, with shared paths.
 
     Parameters
     ----------
     links : sequence of Link
-        The link at each wavelength: alike but for water, bubbles and wavelengths.
+        The link at each wavelength: they differ in water, bubbles and wavelength alone.
     photons, seed, normals, threads, sea
         As in `ForcedDetection`.
 
     Notes
     -----
-    The base is the link that scatters most: no order of scattering of the others is missing among
-    its chains, which are allotted to the orders for all wavelengths alike. Joined photons are those
-    of several bases in turn (`setup.tinting.Tinting.mixed`). All have the index of the water in the
-    middle; a share of them is refracted by the smallest and the largest one as well, with the same
-    random numbers, and gains are linear in the index between.
+    The base is the link that scatters most, so that its chains miss no order of scattering of the
+    others; they are allotted to the orders for all wavelengths at once. Joined photons belong to
+    several bases in turn (`setup.tinting.Tinting.mixed`). All are refracted by the mean of the
+    smallest and the largest index of the water, and a share of them, with the same random numbers,
+    also by these two, between which gains are taken as linear in the index. Links that cannot share
+    paths form groups, each with a base.
     """
 
     def __init__(
@@ -75,32 +79,33 @@ class SpectralDetection:
         sea: TypicalSea = TypicalSea(),  # noqa: B008 - frozen
     ) -> None:
         self.links = list(links)
+        # paths, the estimator at the middle index, and those at the extreme ones if they differ
         self._groups: list[tuple[CommonPaths, ForcedDetection, list[ForcedDetection]]] = []
         waiting = list(range(len(self.links)))
         while waiting:
             _, paths = photon_paths(self.links, waiting, chains=True)
-            # the middle index halves the longest way of the linear correction
+            # the middle index: none is farther from it than half of their range
             planner = Planner(paths.middle(), seed, normals, threads, sea, wavelengths=paths)
             detection = ForcedDetection.following(planner, planner.plan(photons, planner.compare()))
-            # some of the paths at the smallest and the largest index, if these differ
+            # bases have the smallest and the largest index, a single one if these are equal
             extremes = paths.bases if len(paths.bases) > 1 else []
             ends = [detection.at_index(link.water.n, _INDEX_SHARE) for link in extremes]
             self._groups.append((paths, detection, ends))
             waiting = [i for i in waiting if i not in paths.wavelengths]
 
     def at_wavelengths(self, mesh: TriangleMesh, record: bool = False) -> list[Gains]:
-        """Return the gain over a mesh at each wavelength, on demand with every row of its light.
+        """Return the gain over a mesh at each wavelength, with all its arrivals if `record`.
 
-        Unscattered light has the length of its way to the centroid of a facet.
+        Paths of unscattered light through a facet lead to its centroid.
         """
         gains: dict[int, Gains] = {}
         for paths, detection, ends in self._groups:
-            # the mesh is prepared once: the three waters differ in their index alone
+            # the mesh is prepared once for all three indices
             aimed = detection.planner.aim_over(mesh) if ends else None
             at_paths = detection.at_wavelengths(mesh, aimed, record)
             if ends:
                 low, high = (end.at_wavelengths(mesh, aimed) for end in ends)
-                # paths have the middle index, from which shares run from -1/2 to 1/2
+                # place of each index in the range: from -1/2 to 1/2 about the middle
                 shares = (paths.shares - 0.5).tolist()
                 at_paths = list(map(_moved, at_paths, low, high, shares))
             gains |= dict(zip(paths.wavelengths, at_paths, strict=True))
@@ -108,17 +113,18 @@ class SpectralDetection:
 
 
 def _moved(gains: Gains, low: Gains, high: Gains, share: float) -> Gains:
-    """Return gains with a share of the difference between two, of fewer paths.
+    """Return gains moved by a share of the difference between two, gains + share (high - low).
 
-    Their rows, if they are kept, get weights that add up to the gain.
+    `low` and `high` are by a smaller number of paths. The weights of the arrivals, if they are
+    recorded, are scaled to add up to the new gain.
     """
-    # fewer paths may miss the highest orders
+    # a smaller number of paths may lack the highest orders
     width = max(part.all_orders.shape[1] for part in (gains, low, high))
     orders, first, last = (
         np.pad(part.all_orders, ((0, 0), (0, width - part.all_orders.shape[1])))
         for part in (gains, low, high)
     )
-    # group by group: the same paths in all three, whose noise cancels in the difference
+    # group by group: both have the same paths, whose noise cancels in the difference
     groups = gains.groups + share * (high.groups - low.groups)
     moved = replace(gains, groups=groups, all_orders=orders + share * (last - first))
     return replace(moved, table=[table.with_gains(moved.gain) for table in gains.table])
@@ -136,11 +142,11 @@ def analog_sums(
     normals: str = "vertex",
     threads: int = 1,
 ) -> list[PhotonSums]:
-    """Return the tallies of analog photons at each wavelength, of common photons where possible.
+    """Return the tallies of analog photons at each wavelength, from shared photons where possible.
 
-    Photons are those of several bases in turn, half of them with the smallest and half with the
-    largest index of the water; so are their fates. Below bubbles that differ in number each
-    wavelength has its own photons. Of several wavelengths arrivals alone are recorded.
+    Photons are divided between several bases, and those of each between the smallest and the
+    largest index of the water; fates are those of all of them. Below bubbles that differ in number
+    each wavelength has separate photons. Wavelengths that share photons record arrivals alone.
     """
     waiting, by_wavelength = list(range(len(links))), dict[int, PhotonSums]()
     first = options.first_photon
@@ -154,7 +160,8 @@ def analog_sums(
             by_wavelength[paths.wavelengths[0]] = sums
             continue
         several = [paths.links[i] for i in tinting.bases] or [paths.bases[0]]
-        # disjoint ids: the strata are independent, so that their variances add
+        # strata of photons, one for each base and index, with consecutive, disjoint ranges of ids:
+        # they are independent, so that their variances add
         runs = [(base, end) for base in range(len(several)) for end in range(ends)]
         cuts = [first + k * photons // len(runs) for k in range(len(runs) + 1)]
         numbers = np.diff(cuts).reshape(len(several), ends)
@@ -165,10 +172,11 @@ def analog_sums(
                 link, intersector, options.replace(first_photon=cuts[k]),
                 photons=cuts[k + 1] - cuts[k], record=[Arrivals()], tinting=tinting,
             )  # fmt: skip
-            of_end = int(numbers[:, end].sum())
-            # linear in the index between the two ends, as the gains of chains are
+            at_index = int(numbers[:, end].sum())
+            # gains are linear in the index: mean over the photons of each of the two indices,
+            # weighted by the place of the index of a wavelength between them
             part = paths.shares if end else 1.0 - paths.shares
-            scale = part * photons / of_end if ends > 1 else np.ones(len(paths.links))
+            scale = part * photons / at_index if ends > 1 else np.ones(len(paths.links))
             shares = numbers[:, end] / numbers[:, end].sum()
             # balance heuristic over the bases, see `Tinting.mixed`
             mixed = partial(tinting.mixed, base=base, parts=shares)
@@ -179,7 +187,7 @@ def analog_sums(
 
 
 class FrozenForced:
-    """Chains of a base link that serve its neighbours, too.
+    """Chains of a base link that are reused for its neighbours.
 
     Parameters
     ----------
@@ -188,13 +196,13 @@ class FrozenForced:
     photons, seed : int
         Chains in all, and the seed of their points.
     sea : TypicalSea
-        What is known of the surfaces.
+        Crest and random slopes that are expected of the surfaces.
     normals : {"vertex", "facet"}
         Normals interpolated from the corners, or those of the facets.
     search : {"thorough", "usual"}
         Search of crossings over surfaces without random slopes, see `AimedChains`.
     recent : int
-        Last surfaces of which facets and Embree scenes are held.
+        Number of last surfaces whose facets and Embree scenes stay in memory.
 
     Raises
     ------
@@ -232,14 +240,15 @@ class FrozenForced:
         self._lock = Lock()
 
     def gains(self, link: Link, mesh: TriangleMesh) -> Floats:
-        """Return the gain of a neighbouring link by the shift of the points.
+        """Return the gain of a neighbouring link by shift of the Sobol points.
 
         Parameters
         ----------
         link : Link
-            A link with as many sources as the base; its receivers may be others.
+            A link with as many sources as the base (as many receivers for a downlink); its other
+            ends may differ in number and place.
         mesh : TriangleMesh
-            The surface, which covers all neighbours.
+            The surface, wide enough for all neighbours.
 
         Returns
         -------
@@ -248,7 +257,7 @@ class FrozenForced:
         return self.parts(link, mesh)[0]
 
     def parts(self, link: Link, mesh: TriangleMesh) -> tuple[Floats, Floats]:
-        """Return `gains`, and their unscattered part, shapes (receivers, shifts)."""
+        """Return `gains` and their unscattered part, both of shape (receivers, shifts)."""
         arrays, aimed = self._aimed(link, mesh)
         sets = self._sets(link, arrays, aimed)
         scattered, direct = np.zeros((2, len(link.receivers), SHIFTS))
@@ -256,7 +265,8 @@ class FrozenForced:
             r, share = arrays.receiver(e, t), arrays.share(e, t)
             if not aimed.sampled:
                 gain = aimed.direct_gains(e, t).sum(keepdims=True)
-                # beside chains, whose errors are far larger, the rim of a view alone counts
+                # the errors of chains are far larger: beside them the quadrature counts only where
+                # a view ends within the aperture
                 counts = aimed.meets_rim(e, t) or not any(sets)
                 error = aimed.relative_error(e, t) if counts else 0.0
                 direct[r] += share * with_error(gain, error)
@@ -271,8 +281,8 @@ class FrozenForced:
     ) -> Floats:
         """Return the unscattered gain of each receiver of a neighbouring link, without noise.
 
-        Through all facets, or through some for each receiver; 0 where it is sampled with the
-        chains.
+        `facets` lists the facets that count for each receiver, all by default. The gain is 0 where
+        random slopes are so narrow that chains sample unscattered light.
         """
         gain = np.zeros(len(link.receivers))
         arrays, aimed = self._aimed(link, mesh)
@@ -284,7 +294,7 @@ class FrozenForced:
         return gain
 
     def arrivals(self, link: Link, mesh: TriangleMesh) -> list[Light]:
-        """Return the rows of light that arrive at each receiver of a neighbouring link."""
+        """Return the arrivals at each receiver of a neighbouring link."""
         arrays, aimed = self._aimed(link, mesh)
         sets = self._sets(link, arrays, aimed)
         by_receiver: list[list[Light]] = [[] for _ in link.receivers]
@@ -296,8 +306,8 @@ class FrozenForced:
         return [merged(pieces) for pieces in by_receiver]
 
     def _aimed(self, link: Link, mesh: TriangleMesh) -> tuple[ForcedLink, AimedChains]:
-        """Return the arrays of a link and its surface (cached for recent ones)."""
-        # in the frame of the base: its own would scale chains and facets anew
+        """Return the arrays of a link, and the surface prepared for it, from a cache if recent."""
+        # in the frame of the base: another frame would scale chains and facets anew
         arrays = forced_link(link, self._base.arrays.frame)
         if len(arrays.emitters) != len(self._base.arrays.emitters):
             name = "receiver" if arrays.down else "transmitter"
@@ -311,38 +321,41 @@ class FrozenForced:
             with self._lock:
                 while len(self._seas) >= self._recent:
                     del self._seas[next(iter(self._seas))]
-                self._seas[key] = mesh, aimed  # the mesh lives as long as its number
+                # holds the mesh: its id is not given to another one as long as it is a key
+                self._seas[key] = mesh, aimed
+        # neighbours share the numbers of quadrature nodes: differences between them have no jumps
         aimed.nodes = self._nodes
         return arrays, aimed
 
     def _sets(self, link: Link, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
-        """Return the chains of a link (cached for recent geometries)."""
+        """Return the chains of a link by source, from a cache for recent geometries."""
         lamps = [(e.position, e.axis, e.radius) for e in arrays.emitters]
         ends = [(t.center, t.axis, t.radius) for t in arrays.targets]
         parts = link.water.phase, link.bubbles, link.physics
-        # chains do not depend on the coefficients of the water, nor on receivers but by their ends
+        # all that chains depend on: coefficients of the water are not part of it
         models = [part and part.model_dump_json() for part in parts]
         key = repr((lamps, ends, models, link.water.n, link.n_air, aimed.sampled))
-        # a thread that finds the chains of its link under way waits for them
+        # chains that another thread is drawing are waited for, not drawn twice
         with self._lock:
             known = self._drawn.get(key)
             if known is None:
                 while len(self._drawn) >= _RECENT_LINKS:
                     del self._drawn[next(iter(self._drawn))]
                 drawn = self._drawn[key] = Future()
-        # drawn outside of the lock: other links are not held up
+        # wait or draw outside of the lock, so that other links are not held up
         if known is not None:
             return known.result()  # no bound: work of another thread, which always sets it
         try:
             drawn.set_result(self._draw(arrays, aimed))
-        except BaseException as error:  # of the threads that wait, too
+        except BaseException as error:  # passed on to the threads that wait, too
             drawn.set_exception(error)
         return drawn.result()
 
     def _draw(self, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
-        """Draw the chains of a link by the laws and numbers of the base."""
+        """Draw the chains of a link by the laws of the base, as many as those of the base."""
         drawer, by_source = self._base.drawer.of_link(arrays), list[list[ChainSet]]()
         for s, drawings in enumerate(self._base.sets(aimed.sampled)):
+            # keys by source also for a downlink, whose receivers share one key in `Planner`
             requests = (drawing.request for drawing in drawings)
             keyed = (r._replace(key=(self._seed, s, r.order, 1)) for r in requests)
             by_source.append([drawer.draw(request) for request in keyed])

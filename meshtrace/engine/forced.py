@@ -3,17 +3,21 @@
 Everything random about a photon except its emission direction is drawn; then the directions
 that land it on a random point x of the aperture are solved for. With K scatterings
 
-    h_K = E[ |A| sum_{w: X_K(w) = x} I(w) W_K(w) / |det dX_K / dOmega(w)| ],   h = sum_K h_K.
+    h_K = E[ |A| sum_{w: X_K(w) = x} I(w) W_K(w) / |det dX_K / dOmega(w)| ],   h = sum_K h_K,
 
-K = 0 is deterministic (`chains.unscattered`); every K >= 1 has its own chains. The points are
-randomly shifted Sobol points: the mean of each shift is an unbiased estimate of its own, and
-the scatter of the shifts gives the standard error.
+with the area |A| of the aperture, the emission direction w, the intensity I(w) of the source
+[sr-1], the point X_K(w) where a chain meets the plane of the aperture, and the weight W_K of a
+chain (transmittances and albedos); see "Forced detection" in docs/theory.md. K = 0 is deterministic
+(`chains.unscattered`); every K >= 1 has its own chains. The random numbers are Sobol points with
+32 random shifts: the mean over each shift is an independent, unbiased estimate, and the scatter of
+these means gives the standard error.
 
 The chains do not depend on the surface: one set serves every frame of a moving sea.
 
-Where chains are the worse estimator the scattered light is that of joined photons
-(`meshtrace.engine.photons.joined`) or of analog ones (`meshtrace.engine.photons.arriving`). Light
-that the surface reflects first, where it counts, and that of the bottom is always that of photons.
+Where chains are the less efficient estimator, scattered light comes from joined photons
+(`meshtrace.engine.photons.joined`) or analog ones (`meshtrace.engine.photons.arriving`). Light off
+the bottom, and light that the surface reflects before it crosses, always comes from photons; the
+latter is left out where it is negligible.
 """
 
 from __future__ import annotations
@@ -51,17 +55,19 @@ from meshtrace.results.tallies import ArrivalTally, error_of_groups
 from meshtrace.stored import SHIFTS
 
 MANY_SEAS = 1.5
-"""Margin of a typical sea for those that are not known yet: they may be higher."""
+"""Factor on the highest crest of sample meshes: seas that are not known yet may be higher."""
 
-_CHAINS_PER_POINT = 32  # of an extended source, from which unscattered light is summed
-# first points of each shift, and the relative standard error below which they suffice: seen from
-# afar an extended source is hardly more than a point
+# Unscattered light of an extended source is summed over points of the source, one for this many
+# chains; tuned: each point costs an integral over the facets.
+_CHAINS_PER_POINT = 32
+# points of each shift that are tried first, and the relative standard error below which they
+# suffice: seen from afar an extended source is hardly more than a point; tuned: time
 _FEW_POINTS, _SMOOTH = 2, 5e-4
-_CUT_CHAINS = 2048  # to estimate the share of the light that a mesh cuts off
-# allotment goes with the square root of the variance: an order with 3 % of the chains of the
-# largest one has some 0.1 % of the light
-_UNLIT = 0.03
-_UNSCATTERED_SHARE = 0.3  # chains without a scattering, over the scattered ones
+_CUT_CHAINS = 2048  # to estimate the share of the light that a mesh cuts off; tuned: noise, time
+# chains of an order over those of the largest one: orders with fewer are dropped. Allotment goes
+# with the square root of the variance: 3 % of the chains carry some 0.1 % of the light.
+_LEAST_CHAINS = 0.03
+_UNSCATTERED_SHARE = 0.3  # chains without a scattering, over all others; tuned: noise, time
 
 
 class ForcedDetection:
@@ -72,10 +78,11 @@ class ForcedDetection:
     link : Link
         The link; sources on the other side of the surface than the receivers.
     photons : int
-        Chains in all. Joined photons are eight times as many where scattered light or that of the
-        bottom rests on them, else twice, or fewer where the light that the surface reflects first
-        is below 2 % of the gain: they take a tenth of the time. Common ones of several
-        wavelengths are between, see `choice.choose_common`. Analog photons are 32 times as many.
+        Chains in all. There are eight times as many joined photons where these follow scattered
+        light or light off the bottom. If they follow only light that the surface reflects first,
+        there are twice as many, or fewer where it is below 2 % of the gain: they take a tenth of
+        the time. Photons that several wavelengths share may be as few as the chains, see
+        `choice.choose_common`. There are 32 times as many analog photons.
     seed : int
         Seed of the points and their shifts.
     normals : {"vertex", "facet"}
@@ -83,11 +90,11 @@ class ForcedDetection:
     threads : int
         Threads; results do not depend on them.
     sea : TypicalSea
-        What is known of the surfaces.
+        Crest and random slopes that are expected of the surfaces.
     scattered : {"auto", "chains", "joined"}
-        Estimator of the scattered light; "auto" compares pilots over still water, with random
-        slopes, for each receiver, see `meshtrace.engine.choice`. With "chains" light that the
-        surface reflects first is omitted.
+        Estimator of the scattered light; "auto" chooses one for each receiver by pilot runs over
+        still water with random slopes, see `meshtrace.engine.choice`. "chains" omits light that
+        the surface reflects first.
 
     Raises
     ------
@@ -110,7 +117,7 @@ class ForcedDetection:
 
     @classmethod
     def following(cls, planner: Planner, plan: Plan) -> ForcedDetection:
-        """Return the chains and photons of a plan."""
+        """Return the estimator with the chains and photons of a plan."""
         forced = cls.__new__(cls)
         forced._draw(planner, plan)
         return forced
@@ -121,7 +128,7 @@ class ForcedDetection:
         self.photons, self.threads, self.method = plan.photons, planner.threads, plan.method
         self.link, self.arrays, self.drawer = planner.link, planner.arrays, planner.drawer
         self._unscattered: list[Drawing] = []  # drawn on demand, see `unscattered`
-        # before any surface is known: one set of chains serves every frame of a moving sea
+        # drawn before any surface is known: one set serves every frame of a moving sea
         drawings = self.drawer.draw_all(plan.chains, self.threads)
         self.scattered_sets = [
             [drawing for drawing in drawings if drawing.request.source == s]
@@ -129,15 +136,15 @@ class ForcedDetection:
         ]
 
     def at_index(self, n: float, share: float) -> ForcedDetection:
-        """Return a share of the chains and photons, the same ones, in water of another index.
+        """Return the estimator in water of another index, with a share of its chains and photons.
 
-        Orders of scattering without light, to which pilots allot few chains, are left out.
+        They have the same random numbers, so that noise cancels in differences. Orders of
+        scattering with negligible light, to which pilots allot few chains, are left out.
         """
         joined, chains = self.plan.joined, list[Request]()
         for drawings in self.scattered_sets:
             requests = [drawing.request for drawing in drawings]
-            # allotment gives an order few chains where pilots saw little light
-            least = _UNLIT * max((request.per_shift for request in requests), default=0)
+            least = _LEAST_CHAINS * max((request.per_shift for request in requests), default=0)
             for request in requests:
                 if request.per_shift > least:
                     fewer = max(round(share * request.per_shift), 2)
@@ -150,44 +157,49 @@ class ForcedDetection:
 
     @property
     def serves_neighbours(self) -> bool:
-        """Whether its chains alone, of point sources, make the gain: `FrozenForced` keeps them."""
+        """Whether the gain rests on chains of point sources alone, which `FrozenForced` reuses."""
         # joined photons are followed under one surface; chains are drawn without it
         chained = set(self.method) == {"chains"} and not any(self.arrays.sizes)
         return chained and self.plan.joined is None
 
     def sets(self, unscattered: bool) -> list[list[Drawing]]:
-        """Return the chains by source, on demand with unscattered ones."""
+        """Return the chains by source, preceded by chains without scatterings if `unscattered`."""
         if not unscattered:
             return self.scattered_sets
         pairs = zip(self.unscattered(), self.scattered_sets, strict=True)
         return [[first, *others] for first, others in pairs]
 
     def unscattered(self) -> list[Drawing]:
-        """Return unscattered chains by source, which differ by their random slopes only."""
-        # needed where slopes are too narrow for an integral, or facets bring no light
+        """Return chains without scatterings by source, which differ in their random slopes only.
+
+        They sample unscattered light where random slopes are too narrow for an integral over the
+        facets, or where that integral is 0.
+        """
         if self._unscattered:
             return self._unscattered
-        # each receiver of a downlink has chains of its own, sources of an uplink share theirs
+        # chains of a downlink start at receivers, each with the full number; the sources of an
+        # uplink divide it between them
         emitters = len(self.arrays.emitters)
         per_source = self.photons / (1 if self.arrays.down else emitters)
         n = max(math.ceil(_UNSCATTERED_SHARE * per_source / SHIFTS), 2)
+        # keys end in the order, 0, and the purpose, 1 for the chains of a run
         requests = [Request(s, 0, n, (*self.planner.keys[s], 0, 1)) for s in range(emitters)]
         self._unscattered = self.drawer.draw_all(requests)
         return self._unscattered
 
     def evaluate(self, mesh: TriangleMesh) -> Gains:
-        """Return the gain over a mesh."""
+        """Return the gain over a mesh, at the first wavelength."""
         return self.at_wavelengths(mesh)[0]
 
     def at_wavelengths(
         self, mesh: TriangleMesh, surface: AimedChains | None = None, record: bool = False
     ) -> list[Gains]:
-        """Return the gains over a mesh at the wavelengths of common paths.
+        """Return the gains over a mesh at all wavelengths that share these paths.
 
-        `surface` is the mesh with the receivers of a link that differs in the water alone; `record`
-        keeps every row of light.
+        `surface` is the same mesh, already prepared for a link that differs in the water alone;
+        `record` adds a table with a row for every arrival.
         """
-        # collisions are drawn below the expected crest: higher waves would miss light above it
+        # chains end below the ceiling of the expected sea: light above it would be missed
         higher = self._reaching(mesh)
         if higher is not self:
             return higher.at_wavelengths(mesh, surface, record)
@@ -195,7 +207,7 @@ class ForcedDetection:
         plan, shared = self.plan, self.planner.shared
         aimed = aimed.at_wavelengths(shared)
         gains = self._chain_gains(aimed).by_wavelength()
-        # rows of chains are made in a pass of their own: few runs record them
+        # arrivals of chains are recorded in a second pass: few runs ask for them
         tables = self._tables(aimed) if record else [list[ArrivalTally]() for _ in gains]
         joined: list[Gains] = []
         if plan.joined is not None:
@@ -211,7 +223,7 @@ class ForcedDetection:
         for by_wavelength, receivers in groups:
             for i, by_photons in enumerate(by_wavelength):
                 gains[i] = gains[i].with_photons(by_photons, receivers)
-                chains = gains[i].counts.drawn  # whose numbers come first
+                chains = gains[i].counts.drawn  # photons are numbered after scattering chains
                 tables[i] += [table.moved(receivers, chains) for table in by_photons.table]
         if record:
             whole = map(ArrivalTally.concatenated, tables)
@@ -219,9 +231,10 @@ class ForcedDetection:
         return gains
 
     def _chain_gains(self, aimed: AimedChains) -> Gains:
-        """Return the unscattered light and that of chains at the wavelengths of their paths.
+        """Return the gain by unscattered light and by chains at all wavelengths.
 
-        Where facets bring no light, chains without scatterings are asked before a pair is dark.
+        A pair of ends with no light through the facets may still have some through random slopes,
+        which chains without scatterings then sample.
         """
         link, sampled = self.arrays, list[tuple[int, int]]()
         orders = max((request.order for request in self.plan.chains), default=0) + 1
@@ -231,19 +244,21 @@ class ForcedDetection:
         dark = [pair for pair in link.pairs if pair not in exact]
         served = [pair for pair in link.pairs if self.method[link.receiver(*pair)] == "chains"]
         chain_jobs = parts.chain_jobs(served, self.scattered_sets)
+        # without chains and joined photons, whose groups scatter far more, see `add_direct`
         alone = not self.plan.chains and self.plan.joined is None
-        # all light of a mesh in one queue: a thread that is done with facets takes up chains
-        jobs: list[Any] = [partial(self._from_source, aimed, *pair) for pair in exact]
+        # one queue for facets and chains: a thread that is done with facets takes up chains
+        jobs: list[Any] = [partial(self._source_gains, aimed, *pair) for pair in exact]
         jobs += [partial(self._scores, aimed, job) for job in chain_jobs]
         results = ordered_map(call, jobs, self.threads, ahead=len(jobs))
         cut_short = 0
         for pair in exact:
             from_points, error = next(results)
-            gain = from_points.mean(axis=1).T
+            gain = from_points.mean(axis=1).T  # (wavelengths, 1 or SHIFTS)
+            # the error where a view ends within the aperture counts even beside chains
             in_groups = alone or aimed.meets_rim(*pair)
             gains.add_direct(link.receiver(*pair), link.share(*pair) * gain, error, in_groups)
             cut_short += aimed.is_cut_short(*pair)
-            # an extended source is sampled by its points, one value a shift
+            # an extended source is sampled at random points, with a value for each shift
             if gain.shape[-1] > 1:
                 sampled.append(pair)
             elif not gain.any():
@@ -253,10 +268,10 @@ class ForcedDetection:
         for job, scores in zip(chain_jobs, results, strict=True):
             self._add_scores(gains, job, scores)
             pace.add()
-        # a beam may pass between the rules of all facets: random slopes of chains find its light
+        # a narrow beam may pass between the quadrature nodes of all facets: chains may hit it
         rest = parts.chain_jobs(dark, [[drawing] for drawing in self.unscattered()] if dark else [])
         results = ordered_map(partial(self._scores, aimed), rest, self.threads)
-        bright = set(sampled)
+        bright = set(sampled)  # pairs with sampled unscattered light, counted in the result
         for job, scores in zip(rest, results, strict=True):
             self._add_scores(gains, job, scores)
             source = job[1].request.source
@@ -266,16 +281,17 @@ class ForcedDetection:
         return replace(gains, method=self.method, counts=counts, reflects=self.plan.reflects)
 
     def _scores(self, aimed: AimedChains, job: parts.ChainJob) -> list[Floats]:
-        """Return the scores (wavelengths, chains) of the chains of a block at each target."""
+        """Return the scores (wavelengths, chains) of a block of chains at each target of a job."""
         targets, block = job
         chains, scores = self.drawer.drawn(block), dict[int, Floats]()
         for group in aimed.together(targets, chains):
+            # columns go through all chains of the first target, then of the second, and so on
             score = aimed.aim(block.request.source, group, chains).score
             scores |= dict(zip(group, np.split(score, len(group), axis=-1), strict=True))
         return [scores[target] for target in targets]
 
     def _add_scores(self, gains: Gains, job: parts.ChainJob, scores: list[Floats]) -> None:
-        """Add the scores of the chains of a block at each target."""
+        """Add the scores of a block of chains at each target of a job to the gains."""
         targets, block = job
         request = block.request
         for t, score in zip(targets, scores, strict=True):
@@ -283,23 +299,23 @@ class ForcedDetection:
             share = self.arrays.share(request.source, t) / request.number
             gains.add_chains(receiver, request.order, block.shifts_in, score, share)
 
-    def _from_source(self, aimed: AimedChains, e: int, t: int) -> tuple[Floats, float]:
-        """Return the unscattered light of the points of a source, (shifts, points, wavelengths).
+    def _source_gains(self, aimed: AimedChains, e: int, t: int) -> tuple[Floats, float]:
+        """Return unscattered gains by points of a source, and their relative quadrature error.
 
-        From emitter e to target t. For an extended one, from the first points of each shift, and
-        from all unless these suffice; else (1, 1, wavelengths). With the relative error of its
-        quadrature over the surface.
+        From emitter e to target t, of shape (shifts, points, wavelengths) for an extended source,
+        with a few points of each shift if these agree, else with all of them; (1, 1, wavelengths)
+        for a point source.
         """
-        # light of a point source is an integral without noise: all shifts share one value
+        # the gain of a point source is an integral without noise: all shifts share one value
         if self.arrays.sizes[e] == 0.0:
             return aimed.direct_light(e, t)[None, None], aimed.relative_error(e, t)
         if aimed.sampled:
-            narrow = Described(f"a radius of {self.arrays.sizes[e] * self.arrays.frame.unit:g} m")
+            radius = Described(f"a radius of {self.arrays.sizes[e] * self.arrays.frame.unit:g} m")
             allowed = f"a point source below random slopes this narrow; {ends.ANALOG}"
-            raise Refused("transmitter", narrow, allowed)
+            raise Refused("transmitter", radius, allowed)
         points = self._lamp_points(e)
         gains: Floats = np.zeros((SHIFTS, 0, aimed.wavelengths))
-        # all points only where the first ones differ: each costs an integral over the facets
+        # the other points only if the first ones differ: each costs an integral over the facets
         for part in (points[:, :_FEW_POINTS], points[:, _FEW_POINTS:]):
             if not part.size:
                 break
@@ -313,12 +329,14 @@ class ForcedDetection:
         return gains, aimed.relative_error(e, t)
 
     def _lamp_points(self, s: int) -> Floats:
-        """Return points of an extended source, shape (shifts, points, 3)."""
-        # the last number of the key parts these points from those of chains, which have others
+        """Return random points of an extended source, shape (shifts, points, 3)."""
+        # Order -1 has no vertices, and leaves room for 3 uniforms a point, of which 2 are used. The
+        # key ends in 6, a purpose that no chains have: these points are independent of all chains.
         per_shift = max(self.photons // (_CHAINS_PER_POINT * SHIFTS), 2)
         u = shifted(*points_of(Request(s, -1, per_shift, (self.planner.seed, s, 0, 6))))
         emitter, size = self.arrays.emitters[s], self.arrays.sizes[s]
-        # inverse distribution functions of the waist: an even disk, or exp(-2 r^2 / size^2)
+        # radius by inversion: uniform over the disk of a top-hat beam, else a Gaussian waist whose
+        # irradiance falls as exp(-2 r^2 / size^2)
         if emitter.kind == SourceKind.TOP_HAT_BEAM:
             radius = size * np.sqrt(u[:, 0])
         else:
@@ -330,6 +348,7 @@ class ForcedDetection:
 
     def _reaching(self, mesh: TriangleMesh) -> ForcedDetection:
         """Return chains that reach the mesh: new ones if it is higher than the ceiling of these."""
+        # mesh in metres, ceiling in units of the frame
         top = float(mesh.bounds[1, 2])
         if top <= self.drawer.ceiling * self.arrays.frame.unit or "chains" not in self.method:
             return self
@@ -337,24 +356,25 @@ class ForcedDetection:
         return ForcedDetection.following(planner, planner.plan(self.photons, planner.compare()))
 
     def _tables(self, aimed: AimedChains) -> list[list[ArrivalTally]]:
-        """Return the arrivals of unscattered light and of chains at each wavelength."""
+        """Return tables of the arrivals of unscattered light and of chains, by wavelength."""
         tinting, links = self.planner.shared.tinting, self.planner.shared.links
         tables = [list[ArrivalTally]() for _ in links]
         for e, t in self.arrays.pairs:
-            for arrivals in self._light_of(aimed, e, t, tinting.tints):
+            for arrivals in self._arrivals(aimed, e, t, tinting.tints):
+                # weights are those of the base wavelength, factors (wavelengths, rows) on them
                 factors = tinting.factors(arrivals.log_weights)
                 for table, factor, link in zip(tables, factors, links, strict=True):
                     table.append(arrivals.table(self.arrays.receiver(e, t), factor, link))
         return tables
 
-    def _light_of(
+    def _arrivals(
         self, aimed: AimedChains, e: int, t: int, tints: Tints | None
     ) -> Iterator[parts.Light]:
-        """Yield the light of a pair over facets and of blocks of chains."""
+        """Yield the arrivals from emitter e at target t through facets, and by blocks of chains."""
         chained = self.method[self.arrays.receiver(e, t)] == "chains"
         sets = self.scattered_sets[e] if chained else []
         if self.arrays.sizes[e] > 0.0:
-            n = self._from_source(aimed, e, t)[0].shape[1]
+            n = self._source_gains(aimed, e, t)[0].shape[1]
             points = self._lamp_points(e)[:, :n]
             for shift, i in np.ndindex(SHIFTS, n):
                 lamp = Vec3(*points[shift, i].tolist())
@@ -369,18 +389,19 @@ class ForcedDetection:
             for block in drawing.blocks():
                 chains = self.drawer.drawn(block)
                 arrivals = parts.chain_light(aimed, e, t, chains, tints, block)
-                # chains are numbered through all requests; those without scatterings are last
-                requests = [*self.plan.chains, *(empty.request for empty in self._unscattered)]
+                # numbers run on from request to request; chains without scatterings are last
+                requests = [*self.plan.chains, *(d.request for d in self._unscattered)]
                 before = requests[: requests.index(drawing.request)]
                 first = sum(request.number for request in before)
                 yield arrivals._replace(sample=first + arrivals.sample)
 
 
 def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
-    """Return the share of the light of a flat sea that crosses outside a mesh, by receiver."""
+    """Return the share of the light that would cross a flat sea outside a mesh, by receiver."""
     link = case.link
-    # a mesh that reaches over all crossings cuts nothing: no chains are drawn for most links
+    # most meshes reach beyond all crossings and cut nothing off: no chains are drawn for them
     low, high = mesh.bounds[:, :2]
+    # distances of the crossings from x = y = 0 towards -x, -y (first row) and towards +x, +y
     reach = ends.crossing_reach(link) + np.array(link.origin) * [[-1.0], [1.0]]
     if (low <= -reach[0]).all() and (high >= reach[1]).all():
         return np.zeros(len(link.receivers))

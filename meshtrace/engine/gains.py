@@ -73,7 +73,7 @@ class Gains:
 
     @classmethod
     def zeros(cls, wavelengths: int, receivers: int, orders: int) -> Gains:
-        """Return gains without samples."""
+        """Return gains of 0, without any samples."""
         # each wavelength first, so that one of them is a contiguous slice
         shape = wavelengths, N_PARTS, receivers
         return cls(

@@ -1,4 +1,4 @@
-"""Results from the sums of the estimators, and their warnings."""
+"""Build results from the sums of the estimators, and warn of their limits."""
 
 from __future__ import annotations
 
@@ -34,24 +34,27 @@ from meshtrace.results.tallies import (
 from meshtrace.stored import SHIFTS
 
 LEFT_DOMAIN_WARNING = 1e-4
-"""Share of the light beside the mesh above which a wider one is asked for."""
+"""Share of the light that passes beside the mesh above which a wider mesh is advised."""
 
 MESH_ERROR_WARNING = 3e-3
-"""Share of a gain above which the error of the mesh is warned of."""
+"""Relative error of a gain by the mesh above which a finer mesh is advised."""
 
 _FEW = {"chains": 100.0, "joined photons": 400.0, "analog photons": 100.0}
-"""Effective samples below which an error is uncertain itself."""
+"""Effective sample size below which a standard error is itself uncertain."""
 
 FEW_PHOTONS = 100.0
-"""Effective photons in an aperture below which those of another wavelength are not common."""
+"""Effective photons of an aperture below which a wavelength does not share those of another."""
 
 _FEW_SHARE = {"chains": 0.1, "joined photons": 0.15, "analog photons": 0.1}
-"""Share of the samples below which they are few: a run of few photons is known to be uncertain.
+"""Effective sample size over the number of samples: a warning needs it to be lower than this, too.
 
-Scores of joined photons have the heavier tails."""
-_BOUND_PHOTONS = 2**18  # analog, where chains bring no light: a bound above gains tells nothing
-_BACK_PHOTONS = 4096  # at least, that look for light behind a map
-_BEHIND = 10.0  # times the light of a map, behind it, that its user has hardly meant to leave out
+That a run of few samples is uncertain is known. Scores of joined photons have heavier tails."""
+# least number of analog photons that bound a gain where chains bring no light; tuned: time, or a
+# bound too far above any gain to be of use
+_BOUND_PHOTONS = 2**18
+_BACK_PHOTONS = 4096  # least number of photons that look for light behind a map; tuned: time, noise
+# light from behind over the light of a map, from which on the map may well face the wrong way
+_BEHIND = 10.0
 _SMALL = 0.01  # share of the gain below which its scattered part does not matter
 
 
@@ -60,8 +63,7 @@ class FewSamplesWarning(UserWarning):
 
 
 def _warn(text: str, category: type[Warning] = DomainWarning) -> None:
-    """Warn at the line that calls the package."""
-    # the user's line, not one of this package, is to be changed
+    """Warn with the location of the user's call: the line that can be changed."""
     level, frame = 2, sys._getframe(1)
     while frame.f_back is not None and frame.f_globals["__name__"].startswith("meshtrace"):
         level, frame = level + 1, frame.f_back
@@ -77,7 +79,7 @@ def analog_result(
     link: Link, sums: PhotonSums, origin: dict[str, Any], records: Mapping[str, Record]
 ) -> GainResult:
     """Return the result of analog photons."""
-    # scores are sums over photons, the first columns those of the receivers, then those of planes
+    # scores are sums over photons: a column for each receiver, then the columns of planes
     n, n_rx = sums.photons, len(link.receivers)
     mean = sums.score / n
     stderr = standard_error(sums.score, sums.score_squared, n)
@@ -110,7 +112,7 @@ def forced_result(
 ) -> GainResult:
     """Return the result of forced detection over a mesh."""
     link = case.link
-    # a result without these fields says that such light was not followed, not that it is 0
+    # fields are absent, rather than 0, if no photons followed light that the surface reflects first
     extra: dict[str, Any] = {}
     if gains.reflects:
         extra["gain_reflected"] = per_receiver(link, gains.parts[REFLECTED])
@@ -130,7 +132,7 @@ def forced_result(
         arrivals=gains.table[0] if gains.table else None,
         **extra,
     )
-    # where both hold the larger; `fmax` passes over the nan of the other
+    # the larger one where both apply; nan of either is ignored
     bound = np.fmax(_bound_of_dark(case, mesh, gains.gain), _bound_of_few(result))
     if not np.isfinite(bound).any():
         return result
@@ -140,17 +142,17 @@ def forced_result(
 def _bound_of_few(result: GainResult) -> Floats:
     """Return upper bounds of gains that rest on few effective samples, nan elsewhere.
 
-    Light of paths that are rarer than the samples is missing from most runs, and from their
-    standard errors. With gain h and standard error s the bound is h + 2 s + 3 w / n: paths that n
-    samples do not show bring less than 3 w / n at 95 % confidence (rule of three), w their score.
-    It is taken for (sum w_i^2)^(1/2), which no score exceeds, so that w / n = h_k / n_eff^(1/2) for
-    a part h_k of the gain with an effective sample size n_eff.
+    Light of paths that are rare compared with the number of samples is missing from most runs, and
+    from their standard errors. With gain h and standard error s the bound is h + 2 s + 3 w / n:
+    paths of score w that none of n samples shows bring less than 3 w / n at 95 % confidence (rule
+    of three). Their w is taken as (sum w_i^2)^(1/2) over the scores w_i, which no score of the run
+    exceeds, so that w / n = h_k / n_eff^(1/2) for a part h_k = sum w_i / n of the gain with the
+    effective sample size n_eff = (sum w_i)^2 / sum w_i^2.
     """
     # scattered and reflected light are estimated apart: paths of both may be missing
     rare = np.full(len(result.gains), np.nan)
     for r, row, part in _samples(result):
         if _is_few(row):
-            # rule of three: 3 / n bounds at 95 % the rate of an event that n trials do not show
             rare[r] = np.nan_to_num(rare[r]) + 3.0 * part / math.sqrt(max(row.effective, 1.0))
     return result.gains + 2.0 * result.stderrs + rare
 
@@ -158,23 +160,22 @@ def _bound_of_few(result: GainResult) -> Floats:
 def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Floats:
     """Return upper bounds of gains without received light, nan elsewhere.
 
-    The bound is that of analog photons, at least `_BOUND_PHOTONS`, as aimed samples without
-    contributions give none.
-    No photon scores more than w = exp(-a d), d the height of the lowest trough above the end in
-    the water.
-    With mean m and standard error s of the scores of n photons, the bound is m + 2 s + 3 w / n:
-    3 w / n at 95 % confidence (rule of three) where none arrives.
+    Aimed samples that bring nothing give no bound: at least `_BOUND_PHOTONS` analog photons do.
+    None scores more than w = exp(-a d), with absorption a and the height d of the lowest trough
+    above the end in the water. With mean m and standard error s of the scores of n photons the
+    bound is m + 2 s + 3 w / n, which is 3 w / n, at 95 % confidence (rule of three), if none
+    arrives.
     """
-    # of most links: no photons are traced for nothing
+    # most links need no bound, and no photons
     if (gain > 0.0).all():
         return np.full(len(gain), np.nan)
     most = largest_weight(case.link, float(mesh.bounds[0, 2]))
     bound = np.full(len(gain), sys.float_info.min)
-    # light attenuated below the smallest float cannot be bounded by tracing
+    # if w underflows the bound stays at the smallest normal float, and no photons are traced
     if most > sys.float_info.min:
         n = max(case.run.photons, _BOUND_PHOTONS)
         intersector = EmbreeIntersector(mesh, case.threads)
-        # weights below a thousandth of the largest hardly move the bound
+        # Russian roulette below a thousandth of the largest weight hardly changes the bound
         options = Analog(roulette=1e-3 * most)
         sums = run_analog(
             case.link, intersector, options, photons=n, seed=case.run.seed,
@@ -186,9 +187,10 @@ def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Floats:
 
 
 def lack_of_samples(result: GainResult) -> float:
-    """Return the largest ratio of `_FEW` to the effective samples of a scattered gain that counts.
+    """Return the largest ratio of `_FEW` to the effective sample size of a part of a gain.
 
-    Beyond 1 the standard error of that gain is uncertain itself.
+    Parts are scattered light and light that the surface reflects first, where they matter. Above 1
+    the standard error of a gain is itself uncertain.
     """
     return max(
         (_FEW[row.estimator] / max(row.effective, 1.0) for _, row, _ in _samples(result)),
@@ -197,8 +199,8 @@ def lack_of_samples(result: GainResult) -> float:
 
 
 def warn_of_few(results: list[GainResult], links: list[Link], first: int) -> None:
-    """Warn of small effective sample sizes: of the first link and of the worst."""
-    # not each of many wavelengths, whose samples are the same
+    """Warn of small effective sample sizes, of link `first` and of the worst link."""
+    # not at every wavelength: all of them share samples
     worst = max(range(len(results)), key=lambda i: (lack_of_samples(results[i]), i == first))
     for i in dict.fromkeys((first, worst)):
         nm = links[i].transmitters[0].wavelength_nm
@@ -207,16 +209,16 @@ def warn_of_few(results: list[GainResult], links: list[Link], first: int) -> Non
 
 
 def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
-    """Warn of receivers for which chains are the worse estimator, or too few.
+    """Warn of receivers for which chains are the worse estimator, or for which there are too few.
 
     Parameters
     ----------
     chains : ForcedDetection
-        The link with scattering chains for every receiver.
+        The link with scattering chains for all receivers.
     usual : ForcedDetection
-        The same with the estimators of `simulate`.
+        The same link with the estimators that `simulate` would choose.
     """
-    # over still water: the link is judged once, before any of its seas is known
+    # over still water: the link is judged before any of its seas is known
     gains = chains.evaluate(chains.planner.flat())
     samples = gains.samples_of(SCATTERED)
     counted = _that_matter(samples, gains.parts[SCATTERED], gains.gain)
@@ -245,30 +247,36 @@ def _warn_of_few(counted: list[tuple[int, ScatteredSamples, float]], where: str 
 
 def _is_few(row: ScatteredSamples) -> bool:
     """Return whether the effective samples are too few for their standard error."""
-    # few of very few samples are no surprise: their number is in the user's hand
+    # a small share of very few samples is no surprise: the user chose their number
     return row.effective < min(_FEW[row.estimator], _FEW_SHARE[row.estimator] * row.samples)
 
 
 def _samples(result: GainResult) -> list[tuple[int, ScatteredSamples, float]]:
-    """Return receivers, samples and gain of scattered light, and of light reflected first."""
+    """Return rows (receiver, samples, gain of the part) of the parts of a gain that matter.
+
+    Parts are scattered light and light that the surface reflects first.
+    """
     scattered = _that_matter(result.scattered, result.gain_scattered, result.gains)
     known = {r: part for r, row, part in scattered if row.estimator == "analog photons"}
     reflected = _that_matter(result.reflected, result.gain_reflected, result.gains)
-    # analog photons of both are the same: the more tell how many there are
+    # the same analog photons bring both parts: the larger part, with more hits, represents them
     return scattered + [row for row in reflected if row[2] > known.get(row[0], 0.0)]
 
 
 def _that_matter(
     samples: list[ScatteredSamples], share: Any, gain: Floats
 ) -> list[tuple[int, ScatteredSamples, float]]:
-    """Return the receivers for which a share of the gain matters, its samples and the share."""
+    """Return rows (receiver, samples, gain of the part) of receivers for which a part matters.
+
+    `share` (receivers,) is the gain of that part, None if it was not measured.
+    """
     share = np.atleast_1d(0.0 if share is None else share)
     matters = (r for r in range(len(samples)) if share[r] > _SMALL * gain[r])
     return [(r, samples[r], float(share[r])) for r in matters]
 
 
 def warn_of_cut_short(result: GainResult) -> None:
-    """Warn of unscattered light whose integral ended before it was as fine as it should be."""
+    """Warn of unscattered light whose integral was cut short before it was fine enough."""
     pairs = 0 if result.chains is None else result.chains.cut_short
     if pairs:
         _warn(
@@ -279,12 +287,12 @@ def warn_of_cut_short(result: GainResult) -> None:
 
 
 def warn_of_omitted(link: Link, gain: Floats, returned: Floats | None = None) -> None:
-    """Warn where forced detection leaves out more than 0.1 % of a gain > 0.
+    """Warn of receivers for which forced detection leaves out more than 0.1 % of a gain > 0.
 
-    `returned` is the estimate of that light, if it is known.
+    `returned` (receivers,) is the estimated gain of light reflected first, None to compute it.
     """
     returned = returned_gain(link) if returned is None else returned
-    # one digit: the closed estimate is good to a factor of 3
+    # to one digit: the closed-form estimate is good to a factor of 3
     for r in np.flatnonzero(counts(returned, gain)):
         percent = float(f"{100.0 * returned[r] / (gain[r] + returned[r]):.1g}")
         _warn(
@@ -301,7 +309,7 @@ def warn_of_mesh(result: GainResult, case: Case, mesh: TriangleMesh) -> None:
         limit = max(result.stderrs[r], MESH_ERROR_WARNING * result.gains[r])
         if error > limit:
             cure = "a finer mesh"
-            # the error is taken to fall with the square of the spacing
+            # errors are taken to fall with the square of the spacing of the finest facets
             if not isinstance(case.surface, TriangleMesh):
                 first, second = mesh.vertices[mesh.faces[:, 0]], mesh.vertices[mesh.faces[:, 1]]
                 shortest = float(np.linalg.norm((second - first)[:, :2], axis=1).min())
@@ -323,13 +331,14 @@ def warn_of_cut(cut: Floats) -> None:
 
 
 def _planes(link: Link, sums: PhotonSums, mean: Floats, stderr: Floats) -> Planes | None:
+    """Return the tallies of planes from the columns (4 planes,) of their scores, None without."""
     if not link.planes:
         return None
-    # four scores a plane follow one another: see `kernels.tally.score_planes`
+    # four scores for each plane, one plane after the other, see `kernels.tally.score_planes`
     columns = [values[i::4] for values in (mean, stderr) for i in range(4)]
     radiance = {}
     if link.planes.n_cosines:
-        # groups of photons by their id, of which the first ones have one photon more
+        # photons of each group, id modulo SHIFTS: the first groups may have one more
         flux, photons = sums.radiance.value(), np.full(SHIFTS, sums.photons // SHIFTS)
         photons[: sums.photons % SHIFTS] += 1
         error = np.full(flux.shape[1:], np.nan)
@@ -342,7 +351,7 @@ def _planes(link: Link, sums: PhotonSums, mean: Floats, stderr: Floats) -> Plane
 
 
 def irradiance_map(grid: options.IrradianceMap, sums: PhotonSums) -> MapTally:
-    """Return the irradiance of analog photons in the cells of a map."""
+    """Return the irradiance by analog photons in the cells of a map, over the power [m-2]."""
     area = grid.step**2
     cell, error = (x[:, :, 0] / area for x in sums.map_mean())
     return MapTally(grid.axes, grid.axes, cell, error)
@@ -368,9 +377,9 @@ def warn_of_dark_map(
     records: Mapping[str, Record],
     follow: Callable[..., PhotonSums],
 ) -> None:
-    """Warn of a map that faces away from the light, by a few photons that arrive from behind.
+    """Warn of a map that faces away from the light, by tracing photons that arrive from behind it.
 
-    `follow` traces a number of `photons` with a map as their `record`.
+    `follow(photons=..., record=...)` traces photons with a map as the only record.
     """
     grid = records.get("irradiance-map")
     if not isinstance(grid, options.IrradianceMap) or result.map is None:
@@ -380,7 +389,7 @@ def warn_of_dark_map(
     back = grid.replace(axis=(-x, -y, -z), fov_deg=180.0)
     photons = min(result.photons, max(_BACK_PHOTONS, result.photons // 100))
     behind_map = irradiance_map(back, follow(photons=photons, record=[back]))
-    # three standard errors less: noise alone makes no warning
+    # less three standard errors of the sum, so that noise alone triggers no warning
     behind = behind_map.irradiance.sum() - 3.0 * math.hypot(*behind_map.irradiance_stderr.ravel())
     in_front = result.map.irradiance.sum()
     if in_front > behind / _BEHIND or (in_front > 0.0 and behind <= 0.0):

@@ -1,4 +1,4 @@
-"""Arrivals of light at receivers, by chains of scatterings and unscattered, one row each."""
+"""Arrivals of light at receivers, by scattering chains or unscattered, one row each."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""Plan of a gain: the estimator that serves each receiver, and the samples of each kind.
+"""Plan the computation of a gain: the estimator for each receiver, and the numbers of samples.
 
 1. Pilot chains of each order of scattering are aimed at each receiver over still water.
-2. Where few of them carry most of the light, pilots of photons are compared with them.
+2. Where few of them carry most of the light, they are compared with pilots of photons.
 3. Chains are allotted to the orders by their pilots (Neyman's allocation).
-4. Light that the surface reflects first has joined photons unless a closed estimate says that it
-   is negligible; that of the bottom always has.
+4. Joined photons follow light that the surface reflects first, unless a closed-form estimate shows
+   it to be negligible, and always follow light off the bottom.
 """
 
 from __future__ import annotations
@@ -35,24 +35,24 @@ from meshtrace.stored import SHIFTS
 
 Scattered = Literal["auto", "chains", "joined"]
 
-_STILL_CHAINS = 8  # unscattered, of each shift, over still water
-_PILOT_SEED = 2**63  # flips a bit of the seed: photons of pilots are none of a run
+_STILL_CHAINS = 8  # chains without scatterings of each shift, for the gain over still water
+_PILOT_SEED = 2**63  # flips a bit of the seed: photons of pilots are independent of those of a run
 _MOST_CHAINS = 2**22  # some 10 s of a thread for each receiver
-# chains of a run to a relative error: the error is the scatter of `SHIFTS` groups, and groups of a
-# single chain would have no Sobol points to gain from
+# Least number of chains for a tolerance. The error is the scatter of `SHIFTS` groups, and groups of
+# a single chain would gain nothing from Sobol points.
 _FEWEST = 4 * SHIFTS
 
 
 class TypicalSea(NamedTuple):
-    """Properties of all surfaces that forced detection needs before their meshes.
+    """Properties of the surfaces that forced detection needs before it knows their meshes.
 
     Parameters
     ----------
     crest : float
         Height up to which collisions are expected [m]: about the highest crest of the surfaces.
-        Unbiased for any value; a good one saves chains.
+        Results are unbiased for any value, but take fewer chains with a good one.
     unresolved : UnresolvedSlopes, optional
-        Random slopes, with which the estimators are compared.
+        Random slopes of the still water over which estimators are compared.
     """
 
     crest: float = 0.0
@@ -61,27 +61,27 @@ class TypicalSea(NamedTuple):
     @classmethod
     def of_meshes(cls, meshes: Iterable[TriangleMesh], margin: float = 1.0) -> TypicalSea:
         """Return the typical sea of meshes, with a crest of `margin` times the highest of them."""
-        # random slopes are those of the spectrum, alike for all surfaces of a sea
+        # random slopes follow from the spectrum: they are alike for all surfaces of a sea
         crests, slopes = zip(*((float(m.bounds[1, 2]), m.unresolved) for m in meshes), strict=True)
         return cls(margin * max(crests), slopes[0])
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Estimators chosen by pilots, whatever the number of samples.
+    """Estimators chosen by pilots, independent of the number of samples.
 
     Attributes
     ----------
     method : list of {"chains", "joined", "analog"}
         Estimator of the scattered light of each receiver.
     per_chain : float
-        Joined photons in place of a chain.
+        Number of joined photons in place of a chain.
     chained : list of choice.Pilot
-        Pilot chains by source; none where photons alone follow the link.
-    still_gain : ndarray or None
-        Gain over still water of each receiver with a pilot.
+        Pilot chains by source; empty where only photons follow the link.
+    still_gain : ndarray or None, shape (receivers with a pilot,)
+        Gain over still water.
     pilot : choice.ScatteredPilot or None
-        Pilot of the chosen estimator of each of these.
+        Statistics of the chosen estimator, for the same receivers.
     """
 
     method: list[Method]
@@ -93,18 +93,18 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Plan:
-    """Samples of a link.
+    """Estimators and numbers of samples for the gain of a link.
 
     Attributes
     ----------
     photons : int
-        Number of samples asked for, that of the chains where these serve.
+        Number of samples that was asked for: of chains, where these serve.
     method : list of {"chains", "joined", "analog"}
         Estimator of the scattered light of each receiver.
     chains : list of Request
         Chains by source and order.
     joined : JoinedPhotons or None
-        Joined photons.
+        Joined photons, None if no receiver needs them.
     joined_to : list of int
         Receivers that they serve.
     arriving : int
@@ -112,7 +112,7 @@ class Plan:
     arriving_at : list of int
         Receivers that they serve.
     reflects : bool
-        Whether photons bring light that the surface reflects first.
+        Whether photons follow light that the surface reflects first.
     """
 
     photons: int
@@ -127,7 +127,10 @@ class Plan:
 
 @dataclass
 class Planner:
-    """Makes the plans of a link; its parameters are those of `ForcedDetection`."""
+    """Maker of the plans of a link, with the parameters of `ForcedDetection` and two more.
+
+    `search` is that of `AimedChains`, `wavelengths` are the paths that several wavelengths share.
+    """
 
     link: Link
     seed: int
@@ -144,19 +147,20 @@ class Planner:
         self.drawer = ChainDrawer(
             self.arrays, *levels(self.arrays, self.sea.crest), self.shared.ratios
         )
-        # Of receivers close to each other the first has pilots, for all of them: `_first` names it
-        # for each receiver, `_piloted` lists the receivers with pilots, `_number` counts for how
-        # many receivers each stands, and `_targets` are their apertures.
+        # Of receivers close to each other one has pilots, for all of them: `_first` (receivers,) is
+        # its index, `_piloted` has the indices of receivers with pilots, and `_number` how many
+        # receivers each of these stands for. `_targets` are the targets that pilots aim at.
         self._first = self.arrays.stands_for_receivers
         self._piloted, self._number = np.unique(self._first, return_counts=True)
         self._targets: list[int] = np.unique(self.arrays.stands_for).tolist()
-        # key of the chains of each source: receivers of a downlink share one, in any order
+        # key of the chains from each emitter: receivers of a downlink share one, so that results
+        # do not depend on their order
         down, sources = self.arrays.down, range(len(self.arrays.emitters))
         self.keys = [(self.seed, 0 if down else s) for s in sources]
 
     def at_index(self, n: float) -> Planner:
-        """Return the same for water of another index, with chains of the same numbers."""
-        # laws and key stay: neighbouring chains, whose noise cancels in differences
+        """Return a planner for water of another index, with chains of the same random numbers."""
+        # with the same laws and keys chains are neighbours, whose noise cancels in differences
         planner = copy(self)
         planner.link = self.link.replace("water.n", n)
         planner.arrays = ends.forced_link(planner.link)
@@ -169,7 +173,7 @@ class Planner:
         Raises
         ------
         Refused
-            If there are too few or too many of them.
+            If there would be too few or too many of them.
         """
         if not SHIFTS <= photons <= _MOST_CHAINS:
             allowed = f"an integer {SHIFTS} <= photons <= {_MOST_CHAINS} for forced detection"
@@ -179,15 +183,15 @@ class Planner:
         arriving_at = [r for r, name in enumerate(method) if name == "analog"]
         arriving = round(choice.ANALOG_PER_CHAIN * photons)
         joined, joined_to, reflects = self._plan_joined(photons, comparison)
-        # without photons nothing has measured light reflected first
+        # only photons follow light that the surface reflects first
         reflects = reflects and bool(joined_to or arriving_at)
         return Plan(photons, method, chains, joined, joined_to, arriving, arriving_at, reflects)
 
     def photons_for(self, rtol: float, most: int, comparison: Comparison) -> int:
-        """Return a number of chains that pilots expect to reach a relative error, up to `most`.
+        """Return the number of chains for a relative error by the pilots, at most `most`.
 
-        Pilots have random numbers of their own, so that the number that they choose biases nothing.
-        Their variance is that of independent points, about that of few Sobol points.
+        Pilots and runs have independent random numbers, so that the choice biases nothing. The
+        variance of pilots is that of independent points, which is about right for few Sobol points.
         """
         pilot, gain = comparison.pilot, comparison.still_gain
         if pilot is None or gain is None:
@@ -198,7 +202,7 @@ class Planner:
 
     def compare(self) -> Comparison:
         """Choose the estimators by pilots over still water."""
-        # where chains do not follow the link, photons alone are compared with each other
+        # where chains do not follow the link, joined photons are compared with analog ones alone
         orders = self._orders()
         if orders is None or self.scattered == "joined":
             every = np.ones(len(self._piloted), bool)
@@ -212,16 +216,16 @@ class Planner:
             return Comparison(self._by_receiver(every, method, "joined"))
         compares = self.scattered == "auto" and any(orders)
         still, shared = self._still_water(), self.shared
-        if not shared.tinting.follows:  # photons cannot be common to all wavelengths
+        if not shared.tinting.follows:  # wavelengths cannot share photons: compare at the base
             shared = paths_alone(self.link)
         surfaces: list[ChainDrawer | AimedChains] = [self.drawer]
         if compares and still.unresolved is not None:
-            # chains are worst where random slopes are wider than a beam: compared with them, but
-            # allotted to the orders by the pilots over smooth water
+            # Chains are worst where random slopes are wider than a beam: estimators are compared
+            # over such slopes. Chains are still allotted to the orders by pilots over smooth water.
             surfaces.append(self.aim_over(still).at_wavelengths(shared))
         pilots = self.pilots(surfaces, orders)
         chained, compared = pilots[0][0], pilots[-1]
-        # of several wavelengths the one that scatters most is the hardest for chains
+        # the wavelength that scatters most is the hardest one for chains
         most = 0 if len(compared) == 1 else int(np.argmax(shared.ratios))
         pilot = choice.chain_pilot(compared[most], self.arrays)
         names: list[Method] = ["chains"] * len(self.link.receivers)
@@ -236,7 +240,7 @@ class Planner:
             for gains in joined.at_wavelengths(still, shared.tinting, shared.links)
         ]
         if len(compared) < len(by_photons):
-            # pilots over the drawer's own still water know one wavelength alone
+            # pilots over the still water of the drawer have one wavelength alone
             (compared,) = self.pilots([self.aim_over(still).at_wavelengths(shared)], orders)
         by_chains = [choice.chain_pilot(p, self.arrays).select(doubtful) for p in compared]
         return self._choose(chains, by_chains, by_photons, doubtful, shared)
@@ -249,12 +253,18 @@ class Planner:
         doubtful: NDArray[np.bool_],
         shared: CommonPaths,
     ) -> Comparison:
-        """Return the better estimators of doubtful receivers and of those they stand for."""
+        """Return the comparison with the better estimators of doubtful receivers.
+
+        `doubtful` is a mask of the receivers with pilots; receivers that these stand for follow.
+        Pilots are lists by wavelength.
+        """
+        # scatterings expected on the way by wavelength, for the source that expects most
         expected = max(law.expected for law in self.drawer.nominals) * np.array(shared.ratios)
         better, per_chain = choice.choose_common(by_chains, by_photons, expected)
         pilot = chains.pilot
         if len(by_chains) == 1 and pilot is not None:
-            # several wavelengths share the paths of chains and joined photons alone
+            # analog photons compete at a single wavelength only: several share the paths of chains
+            # and joined photons alone
             joined = np.array([method == "joined" for method in better])
             pairs = zip(by_photons[0], by_chains[0], strict=True)
             chosen = choice.ScatteredPilot(*(np.where(joined, *pair) for pair in pairs))
@@ -268,32 +278,32 @@ class Planner:
     def _by_receiver(
         self, piloted: NDArray[np.bool_], method: list[Method], default: Method
     ) -> list[Method]:
-        """Return the estimators of all receivers from those with pilots."""
+        """Return the estimator of each receiver from those of the masked receivers with pilots."""
         chosen = dict(zip(self._piloted[piloted].tolist(), method, strict=True))
         return [chosen.get(r, default) for r in self._first.tolist()]
 
     def _orders(self) -> list[int] | None:
-        """Return the orders of the chains from each source, None if photons alone follow the link.
+        """Return the highest order of chains by source, None if only photons follow the link.
 
         Raises
         ------
         Refused
             If neither chains nor photons follow it.
         """
-        # joined photons follow light off the bottom, but not over forms as published
+        # light off the bottom needs joined photons, which do not follow published forms of physics
         try:
             ends.require_points(self.link)
             if self.link.water.bottom_depth is not None and not self._photons_follow():
                 depth = self.link.water.bottom_depth
                 raise Refused("water.bottom_depth", depth, ends.POINTS_ONLY)
             return [self.drawer.last_order(s) for s in range(len(self.arrays.emitters))]
-        except Refused:  # a feature, or too many orders, for chains
+        except Refused:  # chains do not follow a feature, or would need too many orders
             if not self._photons_follow():
                 raise
         return None
 
     def _photons_follow(self) -> bool:
-        """Return whether joined photons may follow the link; they do not know published forms."""
+        """Return whether joined photons may follow the link, without published forms of physics."""
         try:
             self._joined(SHIFTS, range(len(self.link.receivers)))
         except Refused:
@@ -314,6 +324,7 @@ class Planner:
         cuts, pilots = np.cumsum(orders)[:-1], list[list[list[choice.Pilot]]]()
         for k, surface in enumerate(surfaces):
             shape = len(statistics), surface.wavelengths, 4, len(self._targets)
+            # by wavelength, then source and order: split where the orders of a source end
             table = np.reshape([row[k] for row in statistics], shape).swapaxes(0, 1)
             by_source = (np.split(part, cuts) for part in table)
             pilots.append([[choice.Pilot.of_orders(p) for p in parts] for parts in by_source])
@@ -322,14 +333,14 @@ class Planner:
     def _pilot_photons(
         self, doubtful: NDArray[np.bool_], chained: list[choice.Pilot]
     ) -> JoinedPhotons | None:
-        """Return the photons of a pilot, None if joined photons do not follow the link."""
+        """Return the joined photons of a pilot, None if none are needed or possible."""
         if not doubtful.any() or not self._photons_follow():
             return None
         photons = self._joined(choice.PILOT_PHOTONS, self._piloted[doubtful].tolist())
-        # a pilot that chose by the photons of the run itself would bias it
+        # a choice by the photons of the run itself would bias it
         photons.seed ^= _PILOT_SEED
         if chained and self.link.water.bottom_depth is not None:
-            # chains are compared with the light that misses it
+            # compared with chains, which omit light off the bottom
             photons.link = photons.link.replace("water.bottom_albedo", 0.0)
         return photons
 
@@ -337,7 +348,7 @@ class Planner:
         """Return the gain of each receiver with a pilot over still water."""
         gain = np.array([pilot.mean.sum(axis=1) for pilot in pilots])
         for s, to_targets in enumerate(gain):
-            # closed over flat water but for the point of the aperture: few chains suffice
+            # deterministic over still water but for the random point of the aperture: few suffice
             request = Request(s, 0, _STILL_CHAINS, (*self.keys[s], 0, 3))
             unscattered = self.drawer.draw(request, self._targets)
             for i, t in enumerate(self._targets):
@@ -348,7 +359,7 @@ class Planner:
         """Return the chains of each source and order, allotted by the pilots."""
         link, emitters = self.arrays, len(self.arrays.emitters)
         served = np.array([comparison.method[r] == "chains" for r in self._piloted])
-        # a common factor of the gain does not matter for one receiver
+        # the gain weights errors of receivers against each other: one receiver does not need it
         together = len(served) > 1 and not link.down
         known = comparison.still_gain
         gain = known if together and known is not None else np.ones(len(served))
@@ -366,7 +377,7 @@ class Planner:
                 number = np.ones(1, int)
             else:
                 continue
-            # one set of chains for all wavelengths: each counts as a receiver of its own
+            # all wavelengths share one set of chains: each counts as a further receiver
             if len(self.shared.links) > 1 and known is not None:
                 bright = known[s : s + 1] if link.down else known[served]
                 pilot, scale = pilot.at_wavelengths(np.array(self.shared.ratios), bright)
@@ -374,32 +385,35 @@ class Planner:
             expected = self.drawer.nominals[s].expected
             counts = choice.allotment(share, expected, pilot, scale, number)
             requests += [
-                Request(s, k, int(n), (*self.keys[s], k, 1)) for k, n in enumerate(counts, 1)
+                # keys end in a purpose: 1 for the chains of a run, from 2 on for pilots
+                Request(s, k, int(n), (*self.keys[s], k, 1))
+                for k, n in enumerate(counts, 1)
             ]
         return requests
 
     def _plan_joined(
         self, photons: int, comparison: Comparison
     ) -> tuple[JoinedPhotons | None, list[int], bool]:
-        """Return the joined photons of light that chains omit, their receivers, and `reflects`.
+        """Return the joined photons, the receivers that they serve, and `reflects` of the plan.
 
-        No photons where it is negligible.
+        They follow scattered light where chains do not, and light that chains omit: that which the
+        surface reflects first, unless it is negligible, and that of the bottom.
         """
         method, per_chain = comparison.method, comparison.per_chain
         every = [r for r, name in enumerate(method) if name != "analog"]
         joined = [r for r in every if method[r] == "joined"]
         reflects = self.scattered != "chains" and self.link.physics.reflected == "trace"
         water, gain = self.link.water, comparison.still_gain
-        # light of the first crossing is that of the chains where these serve
+        # where chains serve they bring all light of first crossings: photons score from the second
         crossings = [1 if name == "joined" else 2 for name in method]
         if every and water.bottom_depth is not None and water.bottom_albedo > 0.0:
-            # no closed estimate of the light off the bottom: all have the full number of photons
+            # light off the bottom has no closed-form estimate: all get the full number of photons
             number = round(choice.PER_CHAIN * photons)
             return self._joined(number, every, crossings), every, reflects
         served = every if reflects else joined
         per_chain = per_chain if joined else choice.REFLECTED_PER_CHAIN
         if reflects and len(joined) < len(every) and gain is not None:
-            # light that the surface reflects first may be too little to be measured
+            # light that the surface reflects first may be too little to be worth photons
             returned = self.returned[self._piloted]
             counted = choice.counts(returned, gain, choice.MEASURED)
             bright = set(self._piloted[counted].tolist())
@@ -413,7 +427,7 @@ class Planner:
         try:
             number = max(round(per_chain * photons), SHIFTS)
             return self._joined(number, served, crossings), served, reflects
-        except Refused:  # forms as published, which chains follow
+        except Refused:  # published forms of physics, which chains alone follow
             if joined:
                 raise
             return None, [], False
@@ -421,7 +435,10 @@ class Planner:
     def _joined(
         self, photons: int, receivers: Sequence[int], crossings: Sequence[int] = ()
     ) -> JoinedPhotons:
-        """Return joined photons to `receivers`, scored from the given crossing on (default: 1)."""
+        """Return joined photons to `receivers`, which score from the given crossing on.
+
+        `crossings` (all receivers of the link,) are 1 by default, 2 for reflected light alone.
+        """
         link = self.link_to(receivers)
         first = [crossings[r] if crossings else 1 for r in receivers]
         return JoinedPhotons(link, photons, self.seed, self.normals, self.threads, first=first)
@@ -433,12 +450,12 @@ class Planner:
 
     @cached_property
     def _largest_score(self) -> float:
-        """Largest score of an analog photon over still water."""
+        """Largest score that an analog photon can have over still water."""
         return largest_weight(self.link, 0.0)
 
     @cached_property
     def returned(self) -> Floats:
-        """Estimated gain of light reflected first, of each receiver by that which stands for it."""
+        """Estimated gain (receivers,) of light reflected first, by the receivers with pilots."""
         gain = choice.returned_gain(self.link_to(self._piloted))
         return gain[np.searchsorted(self._piloted, self._first)]
 
@@ -456,12 +473,12 @@ class Planner:
 
     def flat(self) -> TriangleMesh:
         """Return a flat sea larger than the footprint of the light."""
-        # a margin of ten units of length: no slanted light misses the rim
+        # a margin of ten units of length, so that no slanted light passes beside the rim; tuned
         far = ends.crossing_reach(self.link) + 10.0 * self.arrays.frame.unit
         origin = np.array(self.link.origin)
         return flat_mesh(origin - far, origin + far)
 
     def _still_water(self) -> TriangleMesh:
-        """Return a flat sea with the random slopes that refract light."""
+        """Return a flat sea, with the random slopes of the sea if the physics has them."""
         tilts = self.link.physics.unresolved == "tilt"
         return replace(self.flat(), unresolved=self.sea.unresolved) if tilts else self.flat()

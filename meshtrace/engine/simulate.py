@@ -46,7 +46,7 @@ from meshtrace.results.gain import GainResult, merge
 from meshtrace.results.provenance import provenance
 from meshtrace.results.series import ByWavelength, checked_wavelengths
 
-_MOST_VERTICES = 2 * 10**7  # of all paths: 640 MB
+_MOST_VERTICES = 2 * 10**7  # of all paths together: 640 MB at 32 bytes each
 
 
 @overload
@@ -92,22 +92,22 @@ def simulate(
     Parameters
     ----------
     link : Link or Scenario
-        The link, or a scenario whose options hold where none are given here.
+        The link, or a scenario whose options hold unless they are given here.
     surface : MeshSource or TriangleMesh, optional
-        A sea, triangulated over the link's footprint, meshes in time, or a mesh taken as it is.
-        By default the JONSWAP sea of the link's wind, see `resolve`.
+        A sea, triangulated over the link's footprint, a sequence of meshes in time, or a mesh,
+        which is used as it is. By default the JONSWAP sea of the link's wind, see `resolve`.
     estimator : Forced or Analog, or "forced" or "analog", optional
-        Scattering chains aimed at the aperture, the default, or photons followed one by one, the
-        default over a surface that overhangs.
+        Scattering chains aimed at the aperture (default), or photons followed one by one (default
+        over a surface that overhangs).
     wavelengths_nm : array_like, optional
-        Wavelengths in vacuum [nm], in place of that of the sources: a gain for each, of common
+        Wavelengths in vacuum [nm], in place of that of the sources: a gain for each, from the same
         paths, see Notes.
     photons : int, optional
         Chains (10 000 by default) or photons (1 000 000).
     rtol : float, optional
-        Relative standard error to reach in every gain, with scattered light worth at least 100
-        equal samples (400 joined photons) where it matters; `photons` is then the first guess, by
-        default one that follows from pilots.
+        Relative standard error to reach in every gain. Scattered light above 1 % of a gain also
+        needs an effective sample size of at least 100 (400 for joined photons). `photons` is then
+        the first guess; by default pilot runs choose it.
     seed : int, optional
         Key of the random numbers, 0 <= seed < 2^64, 1 by default.
     mesh : Meshing, optional
@@ -139,15 +139,18 @@ def simulate(
 
     Notes
     -----
-    At each of several wavelengths (`Link.at_wavelength`) the paths are the same, and their weights
+    All wavelengths (`Link.at_wavelength`) share the paths of a base, the wavelength that scatters
+    most. At wavelength j a path of weight w has the weight
 
     .. math:: w_j = w \prod_k \frac{b_j p_j}{b p}(z_k, \theta_k) e^{-\int (c_j - c) dl}
 
-    over their scatterings k and their ways through the water, from a base that scatters most, or
-    from photons of several bases that count with the density of their mixture. Between the smallest
-    and the largest index of the water gains are linear in the index, by some of the paths that are
-    refracted by both. The error of the mesh is that of one wavelength, relative to its gain. Fates
-    are those of photons of the bases.
+    with a factor for each scattering k, at height z and by angle theta, and the integral over the
+    path in the water; b, c and p are scattering coefficient, attenuation coefficient and phase
+    function, without an index those of the base. Photons may belong to several bases in turn: the
+    balance heuristic then weights them by the density of the mixture. Gains are linear in the index
+    of the water between its smallest and largest value, both of which refract a share of the paths.
+    The relative error of the mesh is computed at one wavelength. Fates are those of the photons at
+    the wavelengths of the bases.
 
     Examples
     --------
@@ -171,31 +174,31 @@ def simulate(
             # one mesh for all wavelengths: the clearest water needs the finest and widest one
             case, triangles, config = _over_mesh(case._replace(link=clearest(links)))
             # warnings are those of the clearest link: the others have the same mesh and paths
-            records, first = read_records(record, case.run.estimator), links.index(case.link)
+            records, reference = read_records(record, case.run.estimator), links.index(case.link)
             if at and "irradiance-map" in records:
                 allowed = "arrivals, with wavelengths_nm; maps by coverage_map"
                 raise Refused("record", Described("a map"), allowed)
             results, returned = _traced(case, links, triangles, config, records, progress)
-            outcome.warn_of_few(results, links, first)
+            outcome.warn_of_few(results, links, reference)
             if isinstance(case.run.estimator, Analog):
-                outcome.warn_of_lost(results[first])
+                outcome.warn_of_lost(results[reference])
                 follow = partial(
                     run_analog, case.link, EmbreeIntersector(triangles, case.threads),
                     case.run.estimator, seed=case.run.seed, normals=case.meshing.normals,
                     threads=case.threads,
                 )  # fmt: skip
-                outcome.warn_of_dark_map(results[first], records, follow)
+                outcome.warn_of_dark_map(results[reference], records, follow)
             else:
                 relative = relative_mesh_error(case.link, triangles, case.meshing.normals)
-                results = with_mesh_errors(results, links, first, relative)
-                outcome.warn_of_mesh(results[first], case, triangles)
-                outcome.warn_of_cut_short(results[first])
-                if results[first].gain_reflected is None:
-                    outcome.warn_of_omitted(case.link, results[first].gains, returned)
+                results = with_mesh_errors(results, links, reference, relative)
+                outcome.warn_of_mesh(results[reference], case, triangles)
+                outcome.warn_of_cut_short(results[reference])
+                if results[reference].gain_reflected is None:
+                    outcome.warn_of_omitted(case.link, results[reference].gains, returned)
                 outcome.warn_of_cut(cut_share(case, triangles))
     except ArithmeticError as error:
         raise Refused("link", Described(f"{error}"), "numbers that do not overflow") from error
-    # numpy overflows to inf without an exception
+    # numpy overflows to inf with no exception
     for result in results:
         if not np.isfinite(result.gain).all():
             gain = Described(f"a gain of {result.gain}")
@@ -211,11 +214,12 @@ def _traced(
     records: dict[str, Record],
     progress: Callable[[int], None] | None,
 ) -> tuple[list[GainResult], Floats | None]:
-    """Return the result of each link, alike but for wavelength and water, with common paths.
+    """Return the results of links that differ in wavelength and water, from shared paths.
 
-    With the estimated gain of light reflected first, where forced detection has made it.
-
-    They are repeated with more photons until a relative standard error is met and certain itself.
+    Also return the estimated gain (receivers,) of light that the surface reflects first, None if
+    photons have followed that light or if there was no estimate. `config` identifies the surface.
+    Runs are repeated with more photons until the relative standard error reaches `rtol`, and rests
+    on enough samples.
     """
     recorded = [r.model_dump(mode="json") for r in records.values()]
     run: Run | None = case.run
@@ -243,11 +247,11 @@ def _traced(
                 outcome.analog_result(link, tallies, origin, records)
                 for link, tallies, origin in zip(links, sums, origins, strict=True)
             ]
-            # photons are independent: those already traced count on
+            # photons are independent: further ones are merged with those already traced
             pairs = zip(results, further, strict=True) if results else ()
             results = [merge(list(pair)) for pair in pairs] or further
         else:
-            # more chains are allotted anew to the orders: all are drawn again
+            # all chains are drawn again: a larger number is allotted anew to the orders
             paths: ForcedDetection | SpectralDetection
             if single:
                 paths = ForcedDetection.following(planner, planner.plan(run.photons, comparison))
@@ -259,18 +263,18 @@ def _traced(
                 outcome.forced_result(case._replace(run=run, link=link), mesh, gain, origin)
                 for link, gain, origin in zip(links, gains, origins, strict=True)
             ]
-        # all wavelengths share the photons: the one that lacks most decides
+        # wavelengths share the photons: the one that needs most decides
         longer = [more for result in results if (more := _further(case.run, result)) is not None]
         run = max(longer, key=lambda more: more.photons, default=None)
     return results, returned
 
 
 def _over_mesh(case: Case) -> tuple[Case, TriangleMesh, dict[str, Any]]:
-    """Return the case with its estimator, the mesh and the configuration that identifies it.
+    """Return the case with its estimator, the mesh and the configuration of the surface.
 
-    Over a surface that overhangs the estimator is analog unless chosen.
+    Over a surface that overhangs the estimator is analog unless the user has chosen one.
     """
-    # a surface says whether it overhangs before it is triangulated, or not at all
+    # a surface may state whether it overhangs; otherwise only its mesh shows it, see below
     chosen = "estimator" in case.run.model_fields_set
     if not chosen and not getattr(case.surface, "single_valued", True):
         case = case._replace(run=case.run.replace(estimator="analog"))
@@ -284,24 +288,25 @@ def _over_mesh(case: Case) -> tuple[Case, TriangleMesh, dict[str, Any]]:
     if chosen or mesh.single_valued:
         require_height_field(mesh)
         return case, mesh, config
-    # only the mesh shows that a user's surface overhangs
+    # the mesh overhangs: mesh again for photons, which cross anywhere
     return _over_mesh(case._replace(run=case.run.replace(estimator="analog")))
 
 
 def _further(run: Run, result: GainResult) -> Run | None:
-    """Return a run of more photons; None if the tolerance or the limit is reached."""
+    """Return a run with more photons; None if the tolerance or the limit is reached."""
     if run.rtol is None:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
-        # no hit yet is no result, not a gain of 0 +- 0
+        # a receiver without a hit needs more photons: its gain is unknown, not 0 +- 0
         error = np.where(result.gains > 0.0, result.stderrs / result.gains, math.inf)
     lack = max(float(np.max(error)) ** 2 / run.rtol**2, outcome.lack_of_samples(result))
     n, options = result.photons, run.estimator
     if lack <= 1.0 or n >= options.most_photons:
         return None
-    # errors fall with n^(-1/2); 10 % more, as the error of the longer run scatters, too. That of
-    # few hits is hardly known: never more than sixteenfold at once
+    # Errors fall with n^(-1/2). 10 % more, as the error of the longer run scatters, too; at most
+    # sixteen times as many at once, as the error of few hits is hardly known. Both are tuned.
     more = min(math.ceil(n * min(1.1 * lack, 16.0)), options.most_photons)
+    # only the further photons, numbered after those already traced
     if isinstance(options, Analog):
         return run.replace(photons=more - n, first_photon=options.first_photon + n)
     return run.replace(photons=more)
@@ -326,13 +331,14 @@ def trace_paths(
     link, surface, seed, mesh
         As in `simulate`.
     n : int
-        Photons, 1 <= n <= 100 000.
+        Number of photons, 1 <= n <= 100 000.
     received_only : bool
-        Paths of light that reaches the first receiver, sampled by the chains of forced detection
-        in proportion to the light they carry, instead of the first n analog photons. Where the
-        gain rests on joined photons, chains miss part of the light scattered by large angles.
+        Trace paths of light that reaches the first receiver, sampled from the chains of forced
+        detection in proportion to the light they carry, instead of the first n analog photons.
+        Where `simulate` uses joined photons, chains miss part of the light scattered by large
+        angles.
     max_vertices : int
-        Vertices kept of a photon, >= 2.
+        Most vertices stored for each photon, >= 2.
     **options
         Fields of `Meshing`: `normals`, `time`, `extent`, `spacing`, `waves`; without
         `received_only` also of `Analog`, such as `roulette`.
@@ -351,7 +357,7 @@ def trace_paths(
     case = resolve(link, surface, mesh=mesh, **fields)
     key, normals = case.run.seed, case.meshing.normals
     with one_blas_thread():
-        # fine where the chains cross, and as wide as photons go: pictures show both
+        # an infinite reach: the mesh covers the whole footprint of photons, which cross anywhere
         triangles, _ = mesh_for(case.link, case.surface, case.meshing, math.inf)
         if received_only:
             return received_paths(case.link, triangles, n, key, normals)

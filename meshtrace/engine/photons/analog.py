@@ -70,7 +70,7 @@ class FixedPointSum:
         self.array[1] &= (1 << 44) - 1
 
     def __add__(self, other: FixedPointSum) -> FixedPointSum:
-        """Return the sum of both."""
+        """Return the sum of this one and another."""
         total = deepcopy(self)
         total.add(other.array[1])
         total.array[0] += other.array[0]
@@ -98,7 +98,7 @@ class PhotonSums:
     arrivals: list[NDArray[np.void]] = field(default_factory=list)
 
     def __add__(self, other: PhotonSums) -> PhotonSums:
-        """Return the tallies of the photons of both."""
+        """Return the tallies of two disjoint sets of photons together."""
         totals = {name: getattr(self, name) + getattr(other, name) for name in _ADDED}
         return replace(self, **totals)
 
@@ -109,7 +109,7 @@ class PhotonSums:
         return np.concatenate([x.ravel().view(np.float64) for x in (photons, *self._arrays())])
 
     def of_row(self, row: Floats) -> PhotonSums:
-        """Return the tallies that `to_row` wrote; these give the shapes alone."""
+        """Return the tallies that `to_row` wrote, in the shapes of these tallies."""
         sums, start = deepcopy(self), 1
         sums.photons = int(row[:1].view(np.int64)[0])
         # written into the arrays of the copy, in the order of `to_row`

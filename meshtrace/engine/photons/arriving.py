@@ -1,4 +1,4 @@
-"""Analog photons as an estimator of the scattered light of receivers.
+"""Estimate the scattered light of receivers by analog photons that hit them.
 
 Photons score where they hit an aperture. No score exceeds the transmission on the shortest path, so
 that the errors have no heavy tail, whatever the phase function and the waves.

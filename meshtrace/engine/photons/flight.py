@@ -146,7 +146,7 @@ def put(q, p):
 
 @inlined
 def head(q, d):
-    """Turn a photon to d."""
+    """Set the direction of a photon to d."""
     q.dx, q.dy, q.dz = d.x, d.y, d.z
 
 
@@ -193,7 +193,7 @@ def roulette(q, u_survival, world):
 
 @inlined
 def steeper_than_waves(d, surface):
-    """Return whether a direction is steeper than every facet: away from the surface it stays so."""
+    """Return whether a direction is too steep to meet the surface again once it leads away."""
     # tan of the elevation, |d_z| / |d_xy|, squared: no root and no division
     slope = surface.max_slope
     return d.z * d.z > slope * slope * (d.x * d.x + d.y * d.y)
