@@ -536,8 +536,7 @@ def time_step_study(
     for k in range(SHIFTS + 1, frames.shape[-1]):
         means[..., k] = frames[..., k].mean(axis=1)[:, None, None]
     gain_in_time = frames[..., :SHIFTS].mean(axis=2)
-    errors = [_interpolation_error(gain_in_time, stride) for stride in strides]
-    scatter = np.stack(errors, axis=1)
+    scatter = np.stack([_interpolation_error(gain_in_time, s) for s in strides], axis=1)
     return _study("time_step", values, chains, means, scatter, tolerance, recorded)
 
 

@@ -237,17 +237,16 @@ class Sensitivities(Stored, kind="sensitivity", title="meshtrace sensitivities")
             if row.name in changes:
                 steps[i], bend = _step(row, changes[row.name])
                 second_order += bend
-        # change of ln q and its standard error
+        # change of ln q and its standard error sigma
         change = float(steps @ np.array([row.log for row in self.table])) + second_order
-        change_error = math.sqrt(steps @ self.logs @ steps)
+        sigma = math.sqrt(steps @ self.logs @ steps)
         if self.of == "margin":  # in dB it is a logarithm already
-            error = math.hypot(self.stderr, DECIBELS * change_error)
+            error = math.hypot(self.stderr, DECIBELS * sigma)
             return Value(self.value + DECIBELS * change, error)
         if self.of == "range":
-            error = math.hypot(self.stderr, self.value * change_error)
-            return Value(self.value * (1.0 + change), error)
+            return Value(self.value * (1.0 + change), math.hypot(self.stderr, self.value * sigma))
         value = self.value * math.exp(change)
-        return Value(value, value * math.hypot(self.stderr / self.value, change_error))
+        return Value(value, value * math.hypot(self.stderr / self.value, sigma))
 
 
 def _step(row: Row, value: float) -> tuple[float, float]:
@@ -279,8 +278,8 @@ _GAIN_STEP = 1e-3  # step in ln p over which a known dh / d ln p moves the gain:
 _SUSPICIOUS = 3.0  # standard errors by which derivatives over two steps may differ
 _CURVATURE = 2e-3  # tuned: relative difference of the two that the curvature of q explains
 _MODELS: dict[str, Any] = {"ook": OokLink, "daylight": Daylight, "uav": Uav}  # beside link and sea
-_HALF_WIDTH = 2  # places in `WINDOWS` from one to that of half its width: they shrink by sqrt(2)
-_MESHES_IN_MEMORY = 4  # of the base sea; tuned: memory against making them again
+_HALF = 2  # places in `WINDOWS` from one to that of half its width: they shrink by sqrt(2)
+_MESHES = 4  # of the base sea in memory; tuned: memory against making them again
 
 
 @check_call
@@ -483,9 +482,8 @@ class Study:
         self.campaign, several = campaign.for_link(variant.link), realizations > 1
         # several seas have phases of their own, and chains that serve an ensemble
         self.near = Neighbours(
-            self.campaign, realizations, phases=several, fading=several,
-            meshes_kept=_MESHES_IN_MEMORY,
-        )  # fmt: skip
+            self.campaign, realizations, phases=several, fading=several, meshes_kept=_MESHES
+        )
         self.lights = Lights(self.campaign)
         self._other_rays = Lights(self.campaign, self.campaign.run.seed + 1)
         self.responses = Responses(self._light, variant, aligned=True)
@@ -616,8 +614,7 @@ class Study:
         edges = self._evaluate(partial(edge_over, self.near, p.name), 1, p.name, shape)
         k, resolved = resolving_window(edges)
         derivative = self._by_chain_rule(p, edges[:, 0, k], "angle")
-        k_half = min(k + _HALF_WIDTH, len(WINDOWS) - 1)
-        narrow = self._by_chain_rule(p, edges[:, 0, k_half], "angle")
+        narrow = self._by_chain_rule(p, edges[:, 0, min(k + _HALF, len(WINDOWS) - 1)], "angle")
         bias = math.hypot(derivative.bias, float(narrow.rates[0] - derivative.rates[0]))
         notes = "" if resolved else "light at the edge varies within the narrowest window"
         return derivative._replace(bias=bias, suspicious=not resolved, notes=notes)
