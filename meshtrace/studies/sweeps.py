@@ -338,8 +338,9 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
             measured[..., i, :, :][(..., *selection)],
             attrs(name) | light_attrs,
         )
-    fields = {key: attrs(key.rpartition(".")[2]) for key in dims if key.rpartition(".")[2] in FIELDS}
-    labelled = {key: (key, values, fields.get(key, {})) for key, values in coordinates.items()}
+    # units and names of the keys that the catalogue of fields has
+    known = {key: attrs(key.rpartition(".")[2]) for key in dims if key.rpartition(".")[2] in FIELDS}
+    labelled = {key: (key, values, known.get(key, {})) for key, values in coordinates.items()}
     if wavelengths:
         labelled["wavelength_nm"] = ("wavelength", np.array(wavelengths), attrs("wavelength_nm"))
     attributes = {
