@@ -1,7 +1,7 @@
 """Arguments of public functions, checked by their annotations; errors of pydantic as `Refused`.
 
-`check_call` decorates a function: pydantic validates each argument by its annotation on the way in,
-with numbers that are stricter than pydantic's (no truth is a number, no text, no nan).
+`check_call` decorates a function: pydantic validates each argument by its annotation before the
+call. Numbers are checked more strictly than by pydantic: it would accept booleans, text and nan.
 """
 
 from __future__ import annotations
@@ -51,17 +51,21 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Probability = Annotated[float, Field(gt=0.0, lt=1.0)]
-ErrorRate = Annotated[float, Field(gt=0.0, lt=0.5)]
-Index = Annotated[float, Field(ge=0.1, le=10.0)]
+ErrorRate = Annotated[float, Field(gt=0.0, lt=0.5)]  # of bits: guessing is wrong in half of them
+Index = Annotated[float, Field(ge=0.1, le=10.0)]  # of refraction, well beyond that of any material
 Seed = Annotated[int, Field(ge=0, lt=2**64)]
 
 P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
 
-_BOUNDS = {"gt": "<", "ge": "<=", "lt": "<", "le": "<="}
-_HOLDS = {"gt": operator.gt, "ge": operator.ge, "lt": operator.lt, "le": operator.le}
-_WORDS = {
+# by the names of pydantic's constraints: the sign in a range, which is written from low to high
+# ("0 < x"), and the comparison of a number with the bound
+_SIGNS = {"gt": "<", "ge": "<=", "lt": "<", "le": "<="}
+_COMPARISONS = {"gt": operator.gt, "ge": operator.ge, "lt": operator.lt, "le": operator.le}
+# the allowed values in words, by the type of pydantic's error or the part of it before the first
+# "_": "float" stands for "float_parsing" and "float_type"
+_ALLOWED_OF_TYPE = {
     "missing": "a value",
     "finite_number": "finite numbers",
     "tuple_type": "a list",
@@ -75,29 +79,33 @@ _WORDS = {
     "float": "a number",
     "int": "an integer",
 }
-_PROTOCOLS = {
+# what to pass for a protocol, whose name users have not met
+_SAID_OF_CLASS = {
     "HasCase": "a Scenario",
     "MeshSource": "a sea (SurfaceModel)",
     "SurfaceModel": "a sea (SurfaceModel)",
     "Surface": "a sea (Surface)",
 }
-_PLAIN = (str, bool, int, float, complex, NoneType, list, tuple, dict)
+_WITH_SHORT_TEXT = (str, bool, int, float, complex, NoneType, list, tuple, dict)
 
 
 class Allowed(NamedTuple):
-    """Mark of a parameter: words for its allowed values, in place of those of its annotation."""
+    """Marker of a parameter: its allowed values in words, for errors, instead of its range."""
 
     words: str
 
 
 class Infinite(NamedTuple):
-    """Mark of numbers that may be infinite and, with `missing`, nan."""
+    """Marker of numbers that may be infinite and, with `missing`, also nan (no value there)."""
 
     missing: bool = False
 
 
 class Shape(NamedTuple):
-    """Shape of an array, as in "n", "n 3" and "... 3"."""
+    """Marker of an array's shape, as in "n", "n 3" and "... 3".
+
+    Letters stand for any size, each on its own; "..." in front for any number of dimensions.
+    """
 
     sizes: str
 
@@ -106,7 +114,7 @@ class Shape(NamedTuple):
         return f"({', '.join(sizes)}{',' if len(sizes) == 1 else ''})"
 
     def holds(self, shape: tuple[int, ...]) -> bool:
-        """Return whether an array has this shape."""
+        """Return whether the shape of an array matches."""
         sizes = self.sizes.split()
         if sizes[0] == "...":
             sizes = sizes[1:]
@@ -116,17 +124,21 @@ class Shape(NamedTuple):
 
 
 class Unit:
-    """Mark of vectors of length 1, to 1e-3: pictures have directions of single precision."""
+    """Marker of vectors of length 1 to within 1e-3, which admits directions read from files."""
 
 
 class Inside:
-    """Mark of a parameter that the function checks itself: its range depends on others."""
+    """Marker of a parameter that the function checks itself: its range depends on others."""
 
 
 Ranged = Annotated[float, Inside()]
+"""A number that the function checks."""
+
 RangedArray = Annotated[ArrayLike, Inside()]
+"""Numbers that the function checks."""
+
 Number = Annotated[float, Infinite(missing=True)]
-"""A number whose range the function checks."""
+"""A number, also infinite or nan, whose range the function checks."""
 
 Directions = Annotated[NDArray[np.float64], Shape("... 3"), Unit()]
 """Unit vectors."""
@@ -139,8 +151,9 @@ def check_call(function: Callable[P, R], all_named: bool = False) -> Callable[P,
     """Decorate a function to refuse arguments that do not match its annotations.
 
     Arrays arrive as float64, numbers as float or int, lists and pairs as list and tuple. Bounds
-    stand in the annotation, `Annotated[float, Field(gt=0.0)]`; what `Any` leaves open, shapes and
-    relations between arguments are up to the function.
+    stand in the annotation, `Annotated[float, Field(gt=0.0)]`; arguments of type `Any` and
+    relations between arguments are up to the function. `all_named` also refuses keywords that
+    neither the signature nor its ``**options: Unpack[...]`` names.
 
     Raises
     ------
@@ -156,18 +169,18 @@ def check_call(function: Callable[P, R], all_named: bool = False) -> Callable[P,
     Traceback (most recent call last):
     meshtrace.errors.Refused: rate: -1, allowed: > 0
     """
-    known: _Parameters | None = None
+    parameters: _Parameters | None = None
 
     @wraps(function)
     def call(*args: P.args, **options: P.kwargs) -> R:
-        nonlocal known
-        if known is None:  # not at import: most functions are not called in a run
-            known = _Parameters.from_function(function, all_named)
-        if known.keys:
-            require_keys(options, known.keys)
-        # starred arguments share the validator behind those by place
-        by_place = [*known.places, *[known.rest] * (len(args) - len(known.places))]
-        by_name, pairs = known.by_name, zip(args, by_place, strict=False)
+        nonlocal parameters
+        if parameters is None:  # not at import: most functions are not called in a run
+            parameters = _Parameters.from_function(function, all_named)
+        if parameters.keys:
+            require_keys(options, parameters.keys)
+        # all arguments that *args collects share one validator
+        by_place = [*parameters.places, *[parameters.rest] * (len(args) - len(parameters.places))]
+        by_name, pairs = parameters.by_name, zip(args, by_place, strict=False)
         places: Any = [v if check is None else check(v) for v, check in pairs]
         names: Any = {k: by_name[k](v) if k in by_name else v for k, v in options.items()}
         return function(*places, **names)
@@ -178,28 +191,30 @@ def check_call(function: Callable[P, R], all_named: bool = False) -> Callable[P,
 
 def check_methods(cls: type[T]) -> type[T]:
     """Decorate the public methods of a class of the package by `check_call`."""
-    # classes of the user check their arguments themselves
+    # subclasses that users define check their arguments themselves
     if not cls.__module__.startswith("meshtrace."):
         return cls
     for name, member in list(vars(cls).items()):
         function = getattr(member, "__func__", member)
-        # models read anything by `model_validate`, and refuse it themselves
+        # `model_validate` accepts any object, and the model refuses it
         if name.startswith("_") or name == "model_validate" or not inspect.isfunction(function):
             continue
+        # a single annotation is that of the returned value: there is nothing to check
         if not hasattr(function, "__checked__") and len(function.__annotations__) > 1:
-            again = check_call(function)
+            checked = check_call(function)
             bound = isinstance(member, classmethod | staticmethod)
-            setattr(cls, name, type(member)(again) if bound else again)
+            setattr(cls, name, type(member)(checked) if bound else checked)
     return cls
 
 
 def _checked(name: str, adapter: pydantic.TypeAdapter[Any], value: Any) -> Any:
-    """Return the value of a parameter as its annotation has it, or refuse it."""
+    """Return the value of a parameter converted to its annotated type, or refuse it."""
     try:
         return adapter.validate_python(value)
     except pydantic.ValidationError as error:
         errors = error.errors(include_url=False)
-    # the alternatives of a union are part of the paths of pydantic, and none of ours
+    # pydantic has an error for each alternative of a union, and names the alternative in the path;
+    # ours lead to a value only, and the outermost of them is shown with all that it might be
     paths = [[key for key in row["loc"] if not _is_alternative(key)] for row in errors]
     place = min(paths, key=len)
     tried = [e for e, path in zip(errors, paths, strict=True) if path[: len(place)] == place]
@@ -215,16 +230,16 @@ _Check = Callable[[Any], Any]
 
 
 class _Parameters(NamedTuple):
-    """Validators of a function's parameters: by place, those behind, and by name."""
+    """Validators of a function's parameters, None where any value is accepted."""
 
-    places: list[_Check | None]
-    rest: _Check | None
-    by_name: dict[str, _Check]
-    keys: tuple[str, ...]  # all keywords, none if any is accepted
+    places: list[_Check | None]  # of positional arguments
+    rest: _Check | None  # of those that *args collects
+    by_name: dict[str, _Check]  # of keyword arguments, without those that accept any value
+    keys: tuple[str, ...]  # the only keywords that are accepted; empty: Python decides
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], all_named: bool) -> _Parameters:
-        """Return those of a function; `all_named` refuses keywords that its `Unpack` lacks."""
+        """Return the validators of a function; for `all_named` see `check_call`."""
         plain = inspect.unwrap(function)
         hints = {name: _resolved(hint, plain) for name, hint in plain.__annotations__.items()}
         places: list[_Check | None] = []
@@ -245,28 +260,32 @@ class _Parameters(NamedTuple):
                     places.append(check)
                 if parameter.kind is not parameter.POSITIONAL_ONLY:
                     names[name] = check
-        known = {name: check for name, check in names.items() if check is not None}
-        return cls(places, rest, known, tuple(names) if keys else ())
+        validators = {name: check for name, check in names.items() if check is not None}
+        return cls(places, rest, validators, tuple(names) if keys else ())
 
 
 def _resolved(hint: Any, function: Callable[..., Any]) -> Any:
-    """Return an annotation; what only type checkers import is known by its name."""
+    """Return an annotation as an object; names that only type checkers import become `_Later`."""
     if not isinstance(hint, str):
         return hint
+    # with `from __future__ import annotations` it is a text
     return eval(hint, function.__globals__, _Names(function.__globals__))
 
 
 class _Names(dict[str, Any]):
-    """Names of a module, and those that it imports for type checkers alone."""
+    """Names of a module, with a `_Later` for each that it imports for type checkers alone."""
 
     def __missing__(self, name: str) -> Any:
         if hasattr(builtins, name):
-            raise KeyError(name)
+            raise KeyError(name)  # `eval` goes on to look in the builtins
         return _Later(name)
 
 
 class _Later(type):
-    """Class of a module that may not be loaded: its objects have a class of its name."""
+    """Stand-in for a class (or module) that is not imported: compared with instances by name.
+
+    Importing it only to check arguments would load a module that the call may not need.
+    """
 
     def __new__(cls, name: str) -> Any:
         return super().__new__(cls, name, (), {})
@@ -284,7 +303,7 @@ class _Later(type):
 
 
 def _parameter(name: str, hint: Any) -> _Check | None:
-    """Return the validator of a parameter, None for any value."""
+    """Return the validator of a parameter, None if any value is accepted."""
     kind = _typed(hint, _Limits(name))
     return None if kind is Any else partial(_checked, name, pydantic.TypeAdapter(kind))
 
@@ -293,22 +312,23 @@ def _parameter(name: str, hint: Any) -> _Check | None:
 
 
 class _Limits(NamedTuple):
-    """Bounds of numbers, by the names of pydantic's constraints, and words for what is allowed."""
+    """What the annotation of a parameter requires of its numbers."""
 
-    name: str
-    bounds: Mapping[str, Any] = MappingProxyType({})
-    words: str = ""
+    name: str  # of the parameter
+    bounds: Mapping[str, Any] = MappingProxyType({})  # by the names of pydantic's constraints
+    words: str = ""  # of `Allowed`
     infinite: Infinite | None = None
     shape: Shape | None = None
     unit: bool = False
 
     def allowed(self, words: str) -> str:
-        """Return what is allowed: own words, the range, or else those of the type."""
+        """Return what is allowed: the words of `Allowed`, the range, or else `words`."""
         return self.words or range_text(self.bounds, self.name) or words
 
     def refused(self, value: Any, words: str) -> Refused:
-        """Return the refusal of a number that does not hold."""
+        """Return the refusal of a number outside the bounds; `words` say what is allowed."""
         number = float(value)
+        # inside the bounds of the annotation, but too large or too small to compute with
         if math.isfinite(number) and abs(number) > LARGEST:
             words = f"at most {LARGEST:g} in magnitude"
         elif self._is_positive and 0.0 < number < SMALLEST:
@@ -317,41 +337,42 @@ class _Limits(NamedTuple):
 
     @property
     def _is_positive(self) -> bool:
-        """Whether the numbers are positive, without an upper bound."""
+        """Whether the only bound is > 0: such numbers are divided by, see `SMALLEST`."""
         return dict(self.bounds) == {"gt": 0.0}
 
     def hold(self, numbers: Any) -> Any:
-        """Return whether numbers, or a number, lie between the bounds, infinities if allowed."""
+        """Return whether a number, or each number of an array, lies within the bounds."""
         most = math.inf if self.infinite else LARGEST
         good = abs(numbers) <= most  # False for nan
         if self.infinite and self.infinite.missing:
-            good = good | (numbers != numbers)
+            good = good | (numbers != numbers)  # nan
         if self._is_positive:
             good = good & (numbers >= SMALLEST)
         for key, bound in self.bounds.items():
-            good = good & _HOLDS[key](numbers, bound)
+            good = good & _COMPARISONS[key](numbers, bound)
         return good
 
 
 def _typed(hint: Any, limits: _Limits) -> Any:
-    """Return the type by which pydantic validates an annotation; `Any` says nothing."""
+    """Return the type with which pydantic validates an annotation; `Any` accepts all values."""
     kind, parts = get_origin(hint), get_args(hint)
     if hint is Any:
         return Any
     if kind is Annotated:
-        about = [m for part in parts[1:] for m in getattr(part, "metadata", None) or [part]]
-        bounds = {key: getattr(part, key) for part in about for key in _BOUNDS
+        # a `Field` holds its bounds in its metadata; the other markers stand for themselves
+        markers = [m for part in parts[1:] for m in getattr(part, "metadata", None) or [part]]
+        bounds = {key: getattr(part, key) for part in markers for key in _SIGNS
                   if getattr(part, key, None) is not None}  # fmt: skip
-        words = "".join(part.words for part in about if isinstance(part, Allowed))
-        if any(isinstance(part, Inside) for part in about):
+        words = "".join(part.words for part in markers if isinstance(part, Allowed))
+        if any(isinstance(part, Inside) for part in markers):
             return Any
         if validators := [part for part in parts[1:] if isinstance(part, AfterValidator)]:
             rest = tuple(part for part in parts if part not in validators)
             bare = Annotated[rest] if len(rest) > 1 else rest[0]
             return Annotated[(_typed(bare, limits), *validators)]
-        infinite = next((part for part in about if isinstance(part, Infinite)), None)
-        shape = next((part for part in about if isinstance(part, Shape)), None)
-        unit = any(isinstance(part, Unit) for part in about)
+        infinite = next((part for part in markers if isinstance(part, Infinite)), None)
+        shape = next((part for part in markers if isinstance(part, Shape)), None)
+        unit = any(isinstance(part, Unit) for part in markers)
         return _typed(parts[0], _Limits(limits.name, bounds, words, infinite, shape, unit))
     if kind in (Union, UnionType):
         return _union(parts, limits)
@@ -363,7 +384,7 @@ def _typed(hint: Any, limits: _Limits) -> Any:
     if kind in (Sequence, list, tuple, Iterable):
         return _several(kind, parts, limits)
     if kind is np.ndarray:
-        dtype = next(iter(get_args(parts[1])), Any)
+        dtype = next(iter(get_args(parts[1])), Any)  # of ndarray[shape, np.dtype[...]]
         if dtype is np.bool_:
             return _plain(_flags, limits)
         return _plain(_array, limits, dtype) if dtype in (np.float64, np.float32) else Any
@@ -383,11 +404,12 @@ def _plain(convert: Callable[..., Any], *more: Any) -> Any:
 def _union(parts: tuple[Any, ...], limits: _Limits) -> Any:
     arrays = set(get_args(ArrayLike))
     kinds: list[Any] = []
-    # a path is checked as a file name, a text beside it would not be
+    # in `str | Path` a text is a path, too: as a mere text it would pass unchecked
     if any(map(_is_path, parts)):
         kinds.append(_plain(_path, limits))
         parts = tuple(part for part in parts if part is not str and not _is_path(part))
-    if arrays - {str} <= set(parts):  # a union is flat: the parts of ArrayLike stand in it
+    # Python flattens unions: of `ArrayLike | None` only the parts of ArrayLike are left
+    if arrays - {str} <= set(parts):
         kinds.append(_plain(_array, limits))
         parts = tuple(part for part in parts if part not in arrays)
     kinds += [NoneType if part is NoneType else _typed(part, limits) for part in parts]
@@ -399,12 +421,12 @@ def _is_path(hint: Any) -> bool:
 
 
 def _several(kind: Any, parts: tuple[Any, ...], limits: _Limits) -> Any:
-    """Return the type of a list or a tuple; arrays are lists, too."""
+    """Return the type that validates a list or a tuple; arrays are accepted as lists."""
     made = tuple if kind is tuple else list
     fixed = kind is tuple and ... not in parts
     numbers = [part for part in parts if part is not ...]
     plain = [get_args(part)[0] if get_origin(part) is Annotated else part for part in numbers]
-    if all(part is float for part in plain):
+    if all(part is float for part in plain):  # one array is quicker to check than many numbers
         return _plain(_numbers, limits, made, len(parts) if fixed else None)
     kinds = tuple(_typed(part, limits) for part in numbers)
     several: Any = list[kinds[0]]  # type: ignore[valid-type]
@@ -427,9 +449,9 @@ def _int(value: Any, limits: _Limits) -> int:
         number = None if isinstance(value, bool) else operator.index(value)
     except TypeError:
         number = None
-    if number is None or not all(_HOLDS[k](number, v) for k, v in limits.bounds.items()):
+    if number is None or not all(_COMPARISONS[k](number, v) for k, v in limits.bounds.items()):
         raise Refused("", value, allowed)
-    # larger ones overflow in numpy
+    # larger ones overflow in numpy's int64 or uint64
     if not -(2**63) <= number < 2**64:
         raise Refused("", value, "integers of 64 bits")
     return number
@@ -464,16 +486,16 @@ def _array(value: Any, limits: _Limits, dtype: Any = np.float64) -> NDArray[Any]
     good = np.asarray(limits.hold(array))
     if not good.all():
         at = np.argwhere(~good)[0]
-        worst = array[tuple(at)]
-        raise limits.refused(worst, allowed).inside(*(at.tolist() if array.size > 1 else ()))
-    # single precision leaves 1e-7, and directions from files some 1e-4
+        wrong = array[tuple(at)]
+        raise limits.refused(wrong, allowed).inside(*(at.tolist() if array.size > 1 else ()))
+    # rounding to single precision changes the length by 1e-7, to few digits in a file by some 1e-4
     if limits.unit and np.any(np.abs(np.linalg.norm(array, axis=-1) - 1.0) > 1e-3):
         raise Refused("", array, "unit vectors (..., 3)")
     return array.astype(dtype, copy=False)
 
 
 def _flags(value: Any, limits: _Limits) -> NDArray[np.bool_]:
-    # numpy makes truths of any object: only arrays and lists hold several
+    # no other type: np.asarray takes any object, and a single True as an array
     array = np.asarray(value) if isinstance(value, list | tuple | np.ndarray) else None
     if array is None or array.dtype.kind != "b":
         raise Refused("", _shown(value), limits.allowed("true or false, one or more"))
@@ -496,9 +518,9 @@ def _path(value: Any, limits: _Limits) -> Any:
             raise ValueError
         os.stat(text)
     except FileNotFoundError:
-        pass
-    # the operating system says best what is wrong with a name
-    except (OSError, ValueError) as error:  # too long, no text of the file system, in a file
+        pass  # the file may yet be written
+    # the reason of the operating system: too long a name, a file taken for a folder, ...
+    except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", "")
         allowed = limits.allowed("the path of a file")
         raise Refused("", _shown(value), f"{allowed} ({reason})" if reason else allowed) from error
@@ -521,7 +543,7 @@ def _callable(value: Any) -> Any:
 def _instance(value: Any, kind: type, limits: _Limits) -> Any:
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIO" else "a"
-        said = _PROTOCOLS.get(kind.__name__, f"{article} {kind.__name__}")
+        said = _SAID_OF_CLASS.get(kind.__name__, f"{article} {kind.__name__}")
         raise Refused("", _shown(value), limits.allowed(said))
     return value
 
@@ -554,8 +576,8 @@ def _iterated(value: Any) -> Any:
 
 def _shown(value: Any) -> Any:
     """Return a value, or the name of its class if its text says little."""
-    # the text of other objects may be long, or tell their address in memory
-    plain = type(value) in _PLAIN or isinstance(value, np.generic | np.ndarray)
+    # the text of other objects may be long, or hold their address in memory
+    plain = type(value) in _WITH_SHORT_TEXT or isinstance(value, np.generic | np.ndarray)
     return value if plain else Described(type(value).__name__)
 
 
@@ -576,12 +598,12 @@ _SCALARS: dict[Any, Callable[[Any, _Limits], Any]] = {
 def refuse(
     first: Any, name: str, path: list[Any], cls: type[pydantic.BaseModel] | None = None
 ) -> NoReturn:
-    """Raise an error of pydantic as field, value, allowed.
+    """Raise `Refused` for one of pydantic's errors (`first`).
 
-    The field is `name` with the path of the error inside it, or for a model (`cls`) that path.
+    The field is `name` followed by the `path` of the error inside it; for a model (`cls`) it is
+    the path alone, or `name` if that is empty.
     """
     kind, cause = first["type"], first.get("ctx", {}).get("error")
-    # in a model the field is told by the path alone
     path = path if cls else [name, *_words_of(path)]
     if isinstance(cause, Refused):
         if cls and path and cause.field == path[-1]:  # validators of a field name it themselves
@@ -589,25 +611,25 @@ def refuse(
         raise cause.inside(*path) from None
     value = MISSING if kind == "missing" else first["input"]
     allowed, hint = str(cause) if cause else allowed_by(first, cls), ""
-    # pydantic writes the words with quotes, and "or" before the last
+    # pydantic lists the words with "or" before the last
     if kind == "literal_error":
         hint = did_you_mean(value, allowed.replace(" or ", ", ").split(", "))
     raise Refused("", value, allowed, hint).inside(*(path or [name])) from None
 
 
 def _words_of(path: list[Any]) -> list[Any]:
-    """Return the keys of a path; those of a table are dotted, as in link files."""
+    """Return the keys of a path, dotted ones such as "water.a" split as in link files."""
     dotted = (key.split(".") if isinstance(key, str) else [key] for key in path)
     return [word for words in dotted for word in words]
 
 
 def _is_alternative(key: Any) -> bool:
-    """Return whether a key in a path of pydantic names one of several types."""
+    """Return whether a key in a path of pydantic names an alternative, such as "list[int]"."""
     return isinstance(key, str) and (key.startswith("function-") or key.endswith(("]", ")")))
 
 
 def _allowed_alone(error: Any) -> str:
-    """Return the allowed values of one of several alternatives."""
+    """Return the allowed values of one alternative of a union."""
     cause = error.get("ctx", {}).get("error")
     return cause.allowed if isinstance(cause, Refused) else allowed_by(error)
 
@@ -623,7 +645,7 @@ def allowed_by(error: Mapping[str, Any], cls: type[pydantic.BaseModel] | None = 
         return f"at least {context['min_length']} of them"
     if kind == "too_long":
         return f"at most {context['max_length']} of them"
-    words = _WORDS.get(kind) or _WORDS.get(kind.partition("_")[0])
+    words = _ALLOWED_OF_TYPE.get(kind) or _ALLOWED_OF_TYPE.get(kind.partition("_")[0])
     return words or str(error["msg"].removeprefix("Input should be "))
 
 
@@ -634,25 +656,26 @@ def _range(
     field = cls.model_fields.get(str(path[0])) if cls and path else None
     if field is None:
         return range_text(context)
-    bounds = {key: getattr(part, key) for part in field.metadata for key in _BOUNDS
+    bounds = {key: getattr(part, key) for part in field.metadata for key in _SIGNS
               if getattr(part, key, None) is not None}  # fmt: skip
-    # pydantic tells the bound that was broken, and not the other one
+    # pydantic reports only the bound that was exceeded; the field has the other, too
     return range_text(bounds if context.items() <= bounds.items() else context, str(path[0]))
 
 
 def range_text(bounds: Mapping[str, Any], name: str = "") -> str:
-    """Return a range in words, as in "> 0" and "0 < fov_deg <= 180", "" without bounds."""
-    shown = {key: _bound(bounds[key]) for key in _BOUNDS if key in bounds}
-    low = next((f"{v} {_BOUNDS[k]}" for k, v in shown.items() if k in ("gt", "ge")), "")
-    high = next((f"{_BOUNDS[k]} {v}" for k, v in shown.items() if k in ("lt", "le")), "")
+    """Return a range as text, as in "> 0" and "0 < fov_deg <= 180", "" without bounds."""
+    shown = {key: _bound(bounds[key]) for key in _SIGNS if key in bounds}
+    low = next((f"{v} {_SIGNS[k]}" for k, v in shown.items() if k in ("gt", "ge")), "")
+    high = next((f"{_SIGNS[k]} {v}" for k, v in shown.items() if k in ("lt", "le")), "")
     if low and high:
         return f"{low} {name} {high}"
+    # a lower bound alone turns around: "0 <" is written "> 0"
     return high or (low and f"{low.split()[1].replace('<', '>')} {low.split()[0]}")
 
 
 def _bound(value: Any) -> str:
     """Return a bound as text, large powers of two as such."""
-    # 2^53 says more than its sixteen digits
+    # 2^53 is easier to read than its sixteen digits
     power = isinstance(value, int) and value > 2**20 and value & (value - 1) == 0
     if power:
         return f"2^{value.bit_length() - 1}"

@@ -1,7 +1,7 @@
 """The one error for input that is not accepted: field, value, allowed values.
 
 `Refused` is raised alike by functions, models, link files and the command line. The `require_`
-functions are the checks that need no model; the rest writes paths and values.
+functions are checks without pydantic; the others write paths and values for error texts.
 """
 
 from __future__ import annotations
@@ -27,8 +27,10 @@ _WRITABLE = "a file in an existing folder, both writable"
 _COMPARED = {"<": operator.lt, "<=": operator.le}
 
 LARGEST = 1e30
-SMALLEST = 1.0 / LARGEST  # of numbers > 0, which formulas divide by
-"""Magnitude of a number beyond which its square may overflow on the way to a gain."""
+"""Largest magnitude of a number of the user (tuned: its powers do not overflow on the way)."""
+
+SMALLEST = 1.0 / LARGEST
+"""Smallest number where any number > 0 is allowed: formulas divide by it."""
 
 
 class Described(str):
@@ -53,13 +55,13 @@ class Refused(ValueError):
     field : str
         Dotted path of the field, such as "receiver.height".
     value : object
-        The value that was given; `Described` for words about it.
+        The value that was passed, or words about it as `Described`.
     allowed : str
         Allowed values or range.
     hint : str
-        Described between the value and the allowed values, such as "did you mean depth?".
+        Text between the value and the allowed values, such as "did you mean depth?".
     source : str
-        File that holds the field; the line begins with it.
+        File that holds the field; the message begins with it.
 
     Examples
     --------
@@ -73,10 +75,10 @@ class Refused(ValueError):
     ) -> None:
         self.field, self.value, self.allowed = field, value, allowed
         self.hint, self.source = hint, source
-        # texts come from files of strangers: no part may fill the screen
+        # parts may come from a foreign file: none may fill the screen; 640: all lists in use
         parts = (_shortened(source), _shortened(field), show(value))
         head = ": ".join(part for part in parts if part)
-        # keys of a file may hold line ends and control characters
+        # or hold line ends and control characters
         text = one_line(f"{head}, {f'{hint} ' if hint else ''}allowed: {_shortened(allowed, 640)}")
         shown = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
         super().__init__("".join(shown))
@@ -101,15 +103,15 @@ class Refused(ValueError):
         return Refused(self.field, self.value, self.allowed, self.hint, source)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by the parts: workers of a sweep send refusals back."""
+        """Pickle as the arguments, so that workers of a sweep can send refusals back."""
         plain = isinstance(self.value, str | int | float | None)
-        value = self.value if plain else Described(show(self.value))  # others may not be pickled
+        value = self.value if plain else Described(show(self.value))  # which may not be picklable
         return Refused, (self.field, value, self.allowed, self.hint, self.source)
 
 
 @contextmanager
 def within(*path: int | str) -> Iterator[None]:
-    """Raise the refusals of a block with their field's path inside a table or a list."""
+    """Prefix the field of a refusal raised in a block with the path of a table or a list."""
     try:
         yield
     except Refused as error:
@@ -123,7 +125,7 @@ def extra(
     value: object = None,
     allowed: str = "{}",
 ) -> Iterator[None]:
-    """Refuse with the way to install an extra if packages are missing in a block.
+    """Turn the failed import of a package in a block into a refusal that says how to install it.
 
     Parameters
     ----------
@@ -144,7 +146,7 @@ def extra(
 
 @contextmanager
 def refusing(field: str, allowed: str) -> Iterator[None]:
-    """Turn all errors of a block, whose readers raise any exception, into refusals of a field."""
+    """Turn any error of a block, such as those of file readers, into a refusal of a field."""
     try:
         yield
     except (Refused, Warning):
@@ -154,7 +156,7 @@ def refusing(field: str, allowed: str) -> Iterator[None]:
 
 
 def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") -> None:
-    """Refuse a value that is no table, and keys other than `keys`."""
+    """Refuse a value that is not a table, and keys other than `keys`."""
     if not isinstance(table, Mapping):
         raise Refused(path, Described(type(table).__name__), "a table")
     for key, value in table.items():
@@ -170,9 +172,9 @@ def require_word(value: Any, words: Iterable[str], path: str) -> None:
 
 
 def require_whole(value: Any, low: int, high: int, path: str, allowed: str = "") -> None:
-    """Refuse all but integers from `low` to `high`; numpy's count, true and false do not."""
+    """Refuse all but integers from `low` to `high`; Python's or numpy's, but not booleans."""
     try:
-        # Python counts true and false as 1 and 0
+        # to Python, True and False are the integers 1 and 0
         whole = None if isinstance(value, bool) else operator.index(value)
     except TypeError:
         whole = None
@@ -181,17 +183,17 @@ def require_whole(value: Any, low: int, high: int, path: str, allowed: str = "")
 
 
 def require_kind(value: Any, kind: type | UnionType, path: str) -> None:
-    """Refuse all but instances of a class, or also None for `kind | None`."""
+    """Refuse all but instances of a class, or of one of the classes of `kind | None`."""
     if not isinstance(value, kind):
         name = (get_args(kind) or (kind,))[0].__name__
         raise Refused(path, Described(type(value).__name__), f"a {name}")
 
 
 def require_plain(value: Any, path: str, allowed: str) -> None:
-    """Refuse arrays with a part that numpy drops in silence: masks, units, names of columns."""
+    """Refuse arrays with a part that numpy drops silently: masks, units, names of columns."""
     if value is None or isinstance(value, str | int | float | list | tuple | dict):
         return
-    # by their attributes, since importing pandas or pint here would cost more than a first gain
+    # recognized by their attributes: importing pandas or pint would take longer than a first gain
     labels, lost = getattr(getattr(value, "columns", None), "dtype", None), ""
     if hasattr(value, "mask") and getattr(value.mask, "any", bool)():
         lost = "masked entries"
@@ -199,7 +201,7 @@ def require_plain(value: Any, path: str, allowed: str) -> None:
         lost = "complex numbers"
     elif hasattr(value, "m_as") or hasattr(value, "to_value"):  # of pint and astropy
         lost = "units"
-    elif labels is not None and labels.kind not in "iu":
+    elif labels is not None and labels.kind not in "iu":  # a data frame without names numbers them
         lost = "names of columns"
     if lost:
         raise Refused(path, Described(f"an array with {lost}"), f"{allowed}; plain numbers")
@@ -208,8 +210,8 @@ def require_plain(value: Any, path: str, allowed: str) -> None:
 def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> NDArray[Any]:
     """Return a value as an array of a type, or refuse it.
 
-    Numbers alone become an array of floats: no texts, truths, dates or complex numbers, which
-    numpy would convert, and no masked ones, whose mask it would drop.
+    Only numbers become an array of floats. Refused are texts, booleans, dates and complex numbers,
+    which numpy would convert, and masked arrays, whose mask it would drop.
     """
     import numpy as np
 
@@ -217,7 +219,7 @@ def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> ND
         require_plain(value, path, allowed)
         if dtype is float and not _is_numeric(value):
             raise TypeError
-        # masks and units are refused by now: nothing is lost
+        # nothing is lost: masks and units have been refused
         array = np.asarray(value)
         if array.dtype.kind == "O" and dtype is float:  # Decimal, Fraction, columns of pandas
             numbers = [require_real(x, path, allowed) for x in array.flat]
@@ -225,21 +227,25 @@ def require_array(value: Any, path: str, allowed: str, dtype: Any = float) -> ND
         if (dtype is float and array.dtype.kind not in "iuf") or np.ma.is_masked(value):
             raise TypeError
         converted = np.asarray(array, dtype, order="C")
-        # indices that numpy rounded or wrapped are no longer those of the user
+        # numpy rounds floats and wraps large integers: then the indices are not the user's
         if converted.dtype.kind in "iu" and not np.array_equal(converted, array):
             raise TypeError
         return converted
     except Refused:
         raise
-    except Exception as error:  # what a foreign object raises, too
+    except Exception as error:  # foreign objects may raise any
         raise Refused(path, value, allowed) from error
 
 
 def _is_numeric(value: Any) -> bool:
-    """Return whether a value, or all in a list, may be numbers: numpy makes some of truths."""
+    """Return whether a value, or each in a nested list, may be a number: booleans are not.
+
+    In a list with numbers, numpy would turn them into 0 and 1.
+    """
     if isinstance(value, list | tuple):
         return all(map(_is_numeric, value))
     kind = getattr(getattr(value, "dtype", None), "kind", "f")
+    # which texts and dates lack
     numbers = any(hasattr(value, name) for name in ("__array__", "__float__", "__index__"))
     return kind != "b" and not isinstance(value, bool) and (numbers or isinstance(value, range))
 
@@ -257,11 +263,12 @@ def require_between(
 ) -> float:
     """Return a number of an interval; refuse any other value.
 
-    Brackets in `ends` say whether the bounds belong to it, as in "[)" for low <= value < high.
+    Brackets in `ends` say whether the bounds belong to the interval, as in "[)" for
+    low <= value < high.
     """
     left, right = ("<=" if end in "[]" else "<" for end in ends)
     allowed = allowed or f"{low:g} {left} {path} {right} {high:g}"
-    # most values are floats, which need no further look
+    # most values are floats, which need no conversion
     number = value if type(value) is float else require_real(value, path, allowed)
     if not (_COMPARED[left](low, number) and _COMPARED[right](number, high)):
         raise Refused(path, value, allowed)
@@ -269,14 +276,15 @@ def require_between(
 
 
 def require_real(value: Any, path: str, allowed: str) -> float:
-    """Return a number as float; refuse any other value but nan."""
-    kind = getattr(getattr(value, "dtype", None), "kind", "f")  # numpy's truths, dates, complex
+    """Return a number, also an infinity or nan, as float; refuse any other value."""
+    # numpy's booleans, dates and complex numbers convert to float, too
+    kind = getattr(getattr(value, "dtype", None), "kind", "f")
     is_number = hasattr(value, "__float__") or hasattr(value, "__index__")
     try:
         if isinstance(value, bool) or not is_number or kind not in "iufO" or _is_array(value):
             raise TypeError
         return float(value)
-    except Exception as error:  # what a foreign object raises, too
+    except Exception as error:  # foreign objects may raise any
         raise Refused(path, value, allowed) from error
 
 
@@ -302,16 +310,16 @@ def require_names(value: Any, path: str) -> list[str]:
 
 
 def require_seed(value: Any) -> None:
-    """Refuse all but keys of random numbers."""
+    """Refuse all but seeds of random numbers, which are keys of 64 bits."""
     require_whole(value, 0, 2**64 - 1, "seed", "an integer 0 <= seed < 2^64")
 
 
 def require_range(
     value: Any, low: float, high: float, path: str, ends: str = "[]", allowed: str = ""
 ) -> NDArray[Any]:
-    """Return numbers of an interval as an array; refuse them by the first outside.
+    """Return numbers of an interval as an array, or refuse the first one outside.
 
-    `ends` are those of `require_between`.
+    For `ends` see `require_between`.
     """
     import numpy as np
 
@@ -328,7 +336,7 @@ def require_range(
 
 
 def require_number(value: Any, path: str) -> None:
-    """Refuse words for numbers, and numbers that overflow on the way to a gain."""
+    """Refuse booleans and texts that pydantic takes for numbers, and numbers beyond `LARGEST`."""
     if isinstance(value, bool) or getattr(getattr(value, "dtype", None), "kind", "") == "b":
         raise Refused(path, value, "neither true nor false")
     if isinstance(value, int) and abs(value) >= 2**64:
@@ -342,14 +350,14 @@ def require_number(value: Any, path: str) -> None:
 def require_writable(
     path: str | Path, inputs: Iterable[str | Path | None] = (), field: str = "--output"
 ) -> None:
-    """Refuse an output file that cannot be written, before the work.
+    """Refuse an output file that cannot be written, before the computation starts.
 
     Parameters
     ----------
     path : path
         Output file.
     inputs : iterable of path or None
-        Files that the work reads, or writes too; None is ignored.
+        Files that the computation reads, and its other outputs; None is ignored.
     field : str
         Name of the argument, for the message.
 
@@ -363,11 +371,11 @@ def require_writable(
     try:
         with suppress(FileNotFoundError):
             status = os.stat(path)
-        # of a link the folder of its target counts
+        # a link is written where its target lies
         folder = Path(os.path.realpath(path)).parent
         read_only = not (folder.is_dir() and os.access(folder, os.W_OK))
         if status is not None:
-            # no write bit at all: read-only even for a user whom the kernel lets write
+            # without any write bit a file is read-only, although the superuser could write it
             read_only |= not (os.access(path, os.W_OK) and status.st_mode & 0o222)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
@@ -381,7 +389,7 @@ def require_writable(
 
 def _same(name: str | Path, path: str | Path, exists: bool) -> bool:
     """Return whether two names refer to one file, which may not exist yet."""
-    # one file may have several names: links, and letters in another case
+    # a file may have several names: links, or upper and lower case on some file systems
     if exists and os.path.exists(name):
         return os.path.samefile(name, path)
     return os.path.realpath(name) == os.path.realpath(path)
@@ -389,13 +397,14 @@ def _same(name: str | Path, path: str | Path, exists: bool) -> bool:
 
 def did_you_mean(word: Any, words: Iterable[str]) -> str:
     """Return a hint at words of similar spelling, or ""."""
-    short = isinstance(word, str) and len(word) <= 100  # the search takes longer than its square
+    # the time of the search grows faster than the square of the length
+    short = isinstance(word, str) and len(word) <= 100
     near = difflib.get_close_matches(word, list(words)) if short else []
     return f"did you mean {' or '.join(near)}?" if near else ""
 
 
 def join_path(path: str, *keys: int | str) -> str:
-    """Return the path of a key in a table or of an item in a list."""
+    """Return a path extended by keys of tables and indices of lists."""
     for key in keys:
         if isinstance(key, int):
             path += f"[{key}]"
@@ -421,7 +430,7 @@ def reads_as_number(word: str) -> bool:
 
 
 def show(value: Any) -> str:
-    """Return a value as one short line."""
+    """Return the text of a value, as Python writes it, on one short line."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, Described):
@@ -429,38 +438,38 @@ def show(value: Any) -> str:
     try:
         if getattr(value, "ndim", None) == 0:  # numpy's numbers
             value = value.item()
-        elif getattr(value, "size", 9) == 0 and hasattr(value, "tolist"):  # without a type
+        elif getattr(value, "size", 9) == 0 and hasattr(value, "tolist"):  # an empty array is []
             value = value.tolist()
         text = one_line(repr(value))
     except RecursionError:
         return "tables nested too deeply"
-    except Exception:  # Python writes no integer of more than 4300 digits, some objects nothing
+    except Exception:  # Python writes no integer of more than 4300 digits; other objects may fail
         huge = isinstance(value, int)
         return "a huge integer" if huge else f"a {type(value).__name__} without a text"
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _shortened(text: str, most: int = 400) -> str:
-    """Return a text without its middle, if it is longer than the paths and lists in use."""
+    """Return a text without its middle if it is longer than `most` characters."""
     return text if len(text) <= most else f"{text[: most // 2]}...{text[-most // 2 :]}"
 
 
 def one_line(value: object) -> str:
-    """Return the text of a value without its line ends."""
+    """Return the text of a value on one line, with single spaces."""
     return " ".join(str(value).split())
 
 
 def reason_of(error: Exception) -> str:
-    """Return the text of an error as one line, or else its type."""
+    """Return the text of an error as one line, or the name of its type if it has none."""
     return one_line(error) or type(error).__name__
 
 
 class InputWarning(UserWarning):
-    """Input was converted or chosen from: its units, left out columns and rows, other forms."""
+    """Input was converted (units, formats), or columns or rows of it were left out."""
 
 
 def warn_of_input(text: str) -> None:
-    """Warn in one line of a conversion of input, at the line that calls the package."""
+    """Warn in one line of a conversion of input, at the user's line that calls the package."""
     level, frame = 2, sys._getframe(1)
     inside = ("meshtrace", "pydantic", "contextlib")
     while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(inside):
@@ -469,7 +478,4 @@ def warn_of_input(text: str) -> None:
 
 
 class DomainWarning(UserWarning):
-    """Light escaped through the sides of the mesh or a hole in it, or was left out.
-
-    Measured spectra without their short waves warn alike: light meets too few slopes.
-    """
+    """Light left the mesh or was left out, or the mesh is too coarse: the gain is in doubt."""

@@ -1,4 +1,4 @@
-"""Registry of variables: CF units, long name and symbol; parameters as docstrings describe them."""
+"""Units, long name and symbol of each variable; parameters as docstrings describe them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from meshtrace.errors import Refused, did_you_mean
 
 
 class Field(NamedTuple):
-    """Metadata of a variable: UDUNITS `units`, `long_name`, and `symbol` as TeX without dollars."""
+    """Metadata of a variable: `units` for UDUNITS, `long_name`, and `symbol` in TeX without $."""
 
     units: str
     long_name: str
@@ -29,6 +29,7 @@ FIELDS: Mapping[str, Field] = MappingProxyType({name: Field(*row) for name, row 
 """Metadata by name of the variable, from `fields.toml`."""
 
 
+# by the end of a variable's name: words for the long name, and a template for the symbol
 _ERRORS = {
     "_stderr": ("standard error", r"\sigma({})"),
     "_low": ("lower confidence limit", "{{{}}}_-"),
@@ -52,21 +53,21 @@ def field(name: str) -> Field:
     Raises
     ------
     Refused
-        If the name is not registered; the message offers similar names.
+        If the name is not registered; the message suggests similar names.
 
     Examples
     --------
     >>> field("wind_speed").units
     'm s-1'
     """
-    plain = isinstance(name, str)
-    if plain and name in FIELDS:
+    is_text = isinstance(name, str)
+    if is_text and name in FIELDS:
         return FIELDS[name]
-    # errors and limits of any variable need no row of their own
-    for ending, (what, wrap) in _ERRORS.items() if plain else ():
+    # standard errors and confidence limits are not in the table: they follow from the variable
+    for ending, (words, template) in _ERRORS.items() if is_text else ():
         if name.endswith(ending) and name.removesuffix(ending) in FIELDS:
             units, long_name, symbol = FIELDS[name.removesuffix(ending)]
-            return Field(units, f"{what} of the {long_name}", wrap.format(symbol))
+            return Field(units, f"{words} of the {long_name}", template.format(symbol))
     raise Refused("name", name, "the keys of meshtrace.fields.FIELDS", did_you_mean(name, FIELDS))
 
 
@@ -81,7 +82,7 @@ def attrs(name: str) -> dict[str, str]:
     Returns
     -------
     dict
-        A new dictionary at each call.
+        A new dictionary in each call.
 
     Raises
     ------
@@ -96,17 +97,18 @@ def attrs(name: str) -> dict[str, str]:
     return field(name)._asdict()
 
 
+# section of the parameters in a docstring of numpydoc, and an entry in it: names, type, text
 _SECTION = re.compile(r"^Parameters\n-+\n(.*?)(?=^[^\n]+\n-+$|\Z)", re.M | re.S)
 _ENTRY = re.compile(r"^(\w[\w, ]*?)(?: : (.*))?\n((?: .*\n|\n)+)", re.M)
 
 
 def docstring(owner: Any) -> str:
-    """Return the docstring of a function or class, also where Python has dropped it (-OO).
+    """Return the docstring of a function or class, "" if it has none.
 
-    It is then read from the source; empty without one.
+    Where Python has removed the docstrings (-OO), it is read from the source.
     """
     text = owner.__doc__ or ""
-    if sys.flags.optimize >= 2:  # dataclasses have one of their own then, their signature
+    if sys.flags.optimize >= 2:  # without one, a dataclass gets its signature as docstring
         module = sys.modules.get(owner.__module__)
         text = _written(getattr(module, "__file__", None) or "").get(owner.__qualname__, "")
     return inspect.cleandoc(text)
@@ -121,8 +123,8 @@ def _written(file: str) -> dict[str, str]:
             if isinstance(part, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
                 name = f"{scope}{part.name}"
                 yield name, ast.get_docstring(part) or ""
-                inner = ".<locals>." if not isinstance(part, ast.ClassDef) else "."
-                yield from named(part, f"{name}{inner}")
+                separator = ".<locals>." if not isinstance(part, ast.ClassDef) else "."
+                yield from named(part, f"{name}{separator}")
 
     try:
         return dict(named(ast.parse(Path(file).read_bytes()), ""))
@@ -131,18 +133,18 @@ def _written(file: str) -> dict[str, str]:
 
 
 def entries(owner: Any) -> dict[str, tuple[str, str]]:
-    """Return type and text of each parameter of a function, or of a class and its bases.
+    """Return type and description of each parameter of a function, or of a class and its bases.
 
-    A text "See ..." does not replace that of a base, nor does one without a type.
+    A class replaces what its bases say, except by a text "See ..." or an entry without a type.
     """
     described: dict[str, tuple[str, str]] = {}
     for documented in reversed(getattr(owner, "__mro__", (owner,))):
         section = _SECTION.search(f"{docstring(documented)}\n")
         for names, kind, text in _ENTRY.findall(section[1] if section else ""):
             text = " ".join(text.split())
-            # "See `Base`" and names in a list repeat what a base has said
+            # "See `Base`" and entries of names alone refer to the description by a base
             refers = not kind or text.startswith("See ")
             for name in names.split(", "):
-                known = refers and name in described
-                described[name] = kind, described[name][1] if known else text
+                is_described = refers and name in described
+                described[name] = kind, described[name][1] if is_described else text
     return described

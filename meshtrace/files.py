@@ -1,4 +1,4 @@
-"""Atomic replacement of files, and the cache folder of a user."""
+"""Replace files atomically; locate the user's cache folder and check who may write to it."""
 
 from __future__ import annotations
 
@@ -20,23 +20,24 @@ def atomic(path: str | Path, mode: int = 0o666) -> Iterator[Path]:
 
     The temporary file lies in the folder of the target and has its suffix, so that writers which
     choose a format by the name work as usual. It is synchronized to the disk before it is renamed:
-    a reader finds the old file or the new one, whole. That of a killed process is removed by the
-    next process that writes to the folder from the same host. Permissions of an existing file are
-    kept, and a symbolic link still points to its target, which is replaced.
+    a reader sees either the complete old file or the complete new one. If a process is killed, the
+    next process that writes to the folder from the same host removes its temporary file.
+    Permissions of an existing file are preserved. Where `path` is a symbolic link, the file that
+    it points to is replaced.
 
     Parameters
     ----------
     path : path
         Target, new or a regular file.
     mode : int
-        Permissions of a new file, less those of the umask.
+        Permissions of a new file, reduced by the umask.
 
     Raises
     ------
     Refused
-        If `path` is none.
+        If `path` is not a path.
     OSError
-        If the file cannot be written; it names the target. The target is unchanged.
+        If the file cannot be written, with the name of the target, which is unchanged.
 
     Examples
     --------
@@ -49,20 +50,20 @@ def atomic(path: str | Path, mode: int = 0o666) -> Iterator[Path]:
     """
     if not isinstance(path, str | Path) or "\0" in str(path):
         raise Refused("path", path, "the path of a file")
-    # a link stays one: the file behind it is replaced
+    # replacing a link itself would turn it into a file
     target = Path(os.path.realpath(path))
     _remove_left(target.parent)
     temporary = target.with_name(f"{_prefix()}{os.getpid()}-{secrets.token_hex(6)}{target.suffix}")
     try:
-        # created here, with the permissions that a new file gets; a writer may replace it
+        # create it, to see which permissions a new file gets; a writer may replace the file
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
         mode = stat.S_IMODE((target if target.exists() else temporary).stat().st_mode)
         yield temporary
         temporary.chmod(mode)
-        # contents before the name, or a crash could leave the new name with an empty file
+        # before the renaming, or a crash could leave an empty file under the new name
         _synchronize(temporary)
         os.replace(temporary, target)
-        # the new name is an entry of the folder
+        # the renaming has changed the folder
         _synchronize(target.parent)
     except OSError as error:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
@@ -72,26 +73,27 @@ def atomic(path: str | Path, mode: int = 0o666) -> Iterator[Path]:
 
 
 def _prefix() -> str:
-    """Return the start of the names of temporary files of this host."""
+    """Return how names of temporary files of this host begin."""
     return f".meshtrace-{socket.gethostname()}-"
 
 
 @cache
 def _remove_left(folder: Path) -> None:
-    """Remove the temporary files of processes of this host that have ended."""
+    """Remove temporary files left in a folder by processes of this host that have ended."""
     import psutil
 
     with suppress(OSError, OverflowError):
-        for left in folder.iterdir():
-            before, _, rest = left.name.partition(_prefix())
-            owner = rest.partition("-")[0]
-            if not before and owner.isdecimal() and not psutil.pid_exists(int(owner)):
-                left.unlink(missing_ok=True)
+        for file in folder.iterdir():
+            in_front, _, rest = file.name.partition(_prefix())
+            process = rest.partition("-")[0]
+            if not in_front and process.isdecimal() and not psutil.pid_exists(int(process)):
+                file.unlink(missing_ok=True)
 
 
 def _synchronize(path: Path) -> None:
     """Flush a file, or the entries of a folder, to the disk."""
-    if os.name == "nt":  # folders cannot be opened there, files only for writing
+    # Windows can synchronize neither folders nor files that are open only for reading
+    if os.name == "nt":
         return
     handle = os.open(path, os.O_RDONLY)
     try:
@@ -103,12 +105,13 @@ def _synchronize(path: Path) -> None:
 def cache_directory() -> Path:
     """Return the cache folder of compiled kernels and Mie tables.
 
-    MESHTRACE_CACHE_DIR, or the user's cache folder.
+    It is set by the environment variable MESHTRACE_CACHE_DIR, or else lies in the user's cache
+    folder.
 
     Returns
     -------
     Path
-        For a user without a home folder a path under the null device, where nothing can be
+        For a user without a home folder, a path under the null device, where nothing can be
         written: callers warn as for any other folder that is not writable.
     """
     chosen = os.environ.get("MESHTRACE_CACHE_DIR")
@@ -124,18 +127,18 @@ def cache_directory() -> Path:
 
 
 def make_private(folder: Path) -> None:
-    """Create a folder and its missing parents, which their owner alone can enter."""
+    """Create a folder and its missing parents, accessible only to their owner."""
     if not folder.parent.exists():
         make_private(folder.parent)
-    # the mode of `mkdir` does not hold for parents: each is made here in turn
+    # `mkdir` with parents=True would apply the mode to the last folder only
     folder.mkdir(0o700, exist_ok=True)
 
 
 def foreign_hand(path: Path) -> str:
-    """Return how another user may have written a file or folder, "" if none can have done so.
+    """Return why another user may have written a file or folder, "" if none can have done so.
 
-    That of the superuser is trusted, who can write everywhere. On Windows, whose folders of a user
-    are closed to others, all are.
+    The superuser, who can write everywhere, is trusted. On Windows all files are, since the cache
+    folder of a user is closed to others.
     """
     if os.name != "posix":
         return ""

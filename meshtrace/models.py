@@ -1,8 +1,9 @@
 """Descriptions as data: validated, frozen models that raise `Refused`, and families of them.
 
-Plain data identify a member of a family by its `kind`, by its import path "module:Class", or by an
-entry point of the group "meshtrace.parts". Import paths of modules that are not imported yet are
-followed inside `trusting` alone: plain data may come from a foreign file.
+Plain data (tables, lists, numbers and texts, as in a link file) identify a member of a family by
+its `kind`, by its import path "module:Class", or by an entry point of the group "meshtrace.parts".
+Modules that are not imported yet are imported only inside `trusting`: the data may come from
+anybody, and an import runs code.
 """
 
 from __future__ import annotations
@@ -63,17 +64,17 @@ if TYPE_CHECKING:
 else:
     _ModelMetaclass = type(pydantic.BaseModel)
 
-Stored = TypeVar("Stored")
-Accepted = TypeVar("Accepted")
-Member = TypeVar("Member")
+Stored = TypeVar("Stored")  # what a field holds
+Accepted = TypeVar("Accepted")  # what its constructor takes
+Member = TypeVar("Member")  # class of a family
 
 if TYPE_CHECKING:
 
     class Converted(Generic[Stored, Accepted]):
         """Field whose constructor accepts other types than it holds, for type checkers alone.
 
-        The constructors that `dataclass_transform` describes take the type of the `__set__` of a
-        descriptor. At run time such a field is an `Annotated` type with a pydantic validator.
+        By the rules of `dataclass_transform`, a constructor takes what the `__set__` of a
+        descriptor takes. At run time such a field is an `Annotated` type with a pydantic validator.
         """
 
         @overload
@@ -84,7 +85,7 @@ if TYPE_CHECKING:
         def __set__(self, instance: Any, value: Accepted) -> None: ...
 
     FamilyField = Converted[Member, Member | str | Mapping[str, Any]]
-    # mypy gives the attribute of a subclass the type of `__set__`: anything, so that it can be read
+    # mypy gives an overridden field the type of `__set__`: Any there lets it be read as a member
     InheritedFamilyField = Converted[Member, Member | Any]
     FamilyFields = Converted[
         Member | tuple[Member, ...],
@@ -102,9 +103,9 @@ else:
         """
 
         def __class_getitem__(cls, union: Any) -> Any:
-            family, *none = get_args(union) or (union,)
+            family, *optional = get_args(union) or (union,)
             field = Annotated[SerializeAsAny[family], BeforeValidator(family.read)]
-            return field | None if none else field
+            return field | None if optional else field
 
     InheritedFamilyField = FamilyField
 
@@ -129,7 +130,7 @@ else:
 
 
 def converted(*, default: Any) -> Any:
-    """Return a field with a default that type checkers accept for a `Converted` type."""
+    """Return a pydantic field whose default type checkers accept for a `Converted` type."""
     return Field(default=default)
 
 
@@ -137,7 +138,7 @@ Position = tuple[Finite, Finite]
 Floats = NDArray[np.float64]
 
 
-# pydantic's own metaclass has this mark, which type checkers do not inherit
+# pydantic decorates its own metaclass alike, but type checkers do not inherit that
 @dataclass_transform(
     kw_only_default=True, frozen_default=True, field_specifiers=(Field, PrivateAttr, converted)
 )
@@ -165,11 +166,12 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
             with _refusals(type(self)):
                 super().__init__(**data)
 
+        # as in pydantic's own: the data of a part are validated without a call of `__init__`
         __init__.__pydantic_base_init__ = True
 
     @classmethod
     def __pydantic_init_subclass__(cls, **options: Any) -> None:
-        """Shorten the signature that `help` shows: types are in the docstring."""
+        """Remove the types from the signature that `help` shows: the docstring has them."""
         super().__pydantic_init_subclass__(**options)
         check_methods(cls)
         empty, signature = inspect.Parameter.empty, inspect.signature(cls)
@@ -196,7 +198,7 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
 
     @classmethod
     def notes(cls) -> dict[str, str]:
-        """Return the description of each field, the first sentence of the docstring.
+        """Return a short description of each field, from the docstring of the class.
 
         Examples
         --------
@@ -204,38 +206,39 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
         >>> Receiver.notes()["radius"]
         'Radius of the aperture [m], > 0'
         """
-        sentences = {
+        sentences = {  # up to the first ":", ";" or "." that ends a word, but not up to "..."
             name: re.split(r"(?<!\.)[:;.](?:\s|$)", text)[0]
             for name, (_, text) in entries(cls).items()
             if not text.startswith("See ")
         }
+        # docstrings may describe a field under its alias
         keys = {n: n if n in sentences else field.alias for n, field in cls.model_fields.items()}
         return {name: sentences[key] for name, key in keys.items() if key in sentences}
 
     @classmethod
     def model_validate(cls, obj: Any, **options: Any) -> Self:
-        """Return the model that plain data, or an instance, describe."""
+        """Return the model described by plain data or by an instance."""
         with _refusals(cls):
             return super().model_validate(obj, **options)
 
     @classmethod
     def model_validate_json(cls, json_data: str | bytes | bytearray, **options: Any) -> Self:
-        """Return the model that a JSON text describes."""
+        """Return the model described by a JSON text."""
         with _refusals(cls):
             return super().model_validate_json(json_data, **options)
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Return a copy; the updated fields are validated."""
+        """Return a copy, with updated fields validated."""
         return self.replace(**update) if update else super().model_copy(deep=deep)
 
     def replace(self, path: str | None = None, value: Any = None, /, **updates: Any) -> Self:
-        """Return a copy with other values, all validated together.
+        """Return a copy with new values, all validated together.
 
         Parameters
         ----------
         path : str, optional
-            Dotted path of a field, with the numbers of list items: "receiver.height",
-            "transmitter.1.depth".
+            Dotted path of a field, with the numbers of list items counted from 0:
+            "receiver.height", "transmitter.1.depth".
         value : object
             Its new value.
         **updates
@@ -255,6 +258,7 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
         Traceback (most recent call last):
         meshtrace.errors.Refused: receiver.hieght: 10.0, no such key, did you mean height? ...
         """
+        # only what was set: fields left at their defaults remain unset in the copy
         fields = {name: getattr(self, name) for name in self.model_fields_set}
         for key, new in (updates if path is None else {path: value} | updates).items():
             head, *rest = key.split(".")
@@ -269,10 +273,11 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
     def _plain_numbers(cls, data: Any, validate: pydantic.ModelWrapValidatorHandler[Self]) -> Self:
         """Convert values with units and refuse those that pydantic would misread as numbers.
 
-        This is the outermost validator: the others would drop units, and see no texts as numbers.
+        This is the outermost validator: the inner ones no longer have the unit of a number or know
+        that it was a text.
         """
         if isinstance(data, Mapping):
-            # most values are floats: they cost no call, and only the unusual ones a look at a field
+            # for speed: most values are floats, which need no call of `_is_plain`
             unusual = {
                 key: value
                 for key, value in data.items()
@@ -283,14 +288,14 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
         try:
             return validate(data)
         except pydantic.ValidationError as error:
-            # an error of the model as a whole is named by the field that holds it
+            # an error of the model as a whole has no path: the field that holds it will name it
             if error.errors(include_url=False)[0]["loc"]:
                 _refuse_first(error, cls)
             raise
 
     @classmethod
     def _converted(cls, values: dict[str, Any]) -> dict[str, Any]:
-        """Return values in the units of their fields, and refuse what is no number."""
+        """Return values in the units of their fields; refuse those that misread as numbers."""
         # plain data may name a field by its alias
         names = {field.alias or name: name for name, field in cls.model_fields.items()}
         for key, value in values.items():
@@ -299,19 +304,21 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
                 continue
             if _has_unit(value):
                 values[key] = value = _in_unit(value, key, cls._units(name))
+            # a part checks its own values
             if field.annotation not in (bool, str) and not isinstance(field.default, Model):
                 _require_numbers(value, key)
         return values
 
     @classmethod
     def _units(cls, name: str) -> list[str]:
-        """Return the units of a field in its docstring, or else that of its name."""
+        """Return the units of a field: "[m]" in the docstring, or else by the end of its name."""
         texts = {key: text for key, (_, text) in entries(cls).items()}
         text = texts.get(name, "")
         units = re.findall(r"\[([^\]]*)\]", text)
-        together = [key for key, other in texts.items() if text and other == text]
-        if len(units) == len(together) > 1:  # "hs, tp : ... [m] and ... [s]"
-            units = [units[together.index(name)]]
+        sharing = [key for key, other in texts.items() if text and other == text]
+        # fields described together with a unit each, in order: "hs, tp : ... [m] and ... [s]"
+        if len(units) == len(sharing) > 1:
+            units = [units[sharing.index(name)]]
         by_name = {"deg": "deg", "nm": "nm"}.get(name.rpartition("_")[2], "1")
         return list(dict.fromkeys(units or [by_name]))
 
@@ -331,9 +338,9 @@ def _shown(value: Any) -> str:
 
 
 def _is_plain(value: Any) -> bool:
-    """Return whether a value needs no look for units, and is not too large for a float.
+    """Return whether a value has neither a unit nor a magnitude to be refused, by its exact type.
 
-    The test of exact types comes first: it takes a tenth of the time of the search for units.
+    This takes a tenth of the time of the search for units. False only asks for that search.
     """
     kind = type(value)
     if kind is float:
@@ -342,21 +349,21 @@ def _is_plain(value: Any) -> bool:
         return bool(-(2**64) < value < 2**64)
     if kind is list or kind is tuple:
         return all(map(_is_plain, value))
-    # a table has its own model, which looks at the values in it
+    # a table becomes a model, which checks the values in it
     return value is None or kind is dict or isinstance(value, pydantic.BaseModel)
 
 
 def _has_unit(value: Any) -> bool:
-    """Return whether a value, or one in a list or its rows, has a unit."""
+    """Return whether a value, or any in a nested list, has a unit."""
     if isinstance(value, list | tuple):
         return any(map(_has_unit, value))
     return bool(unit_of(value))
 
 
 def _in_unit(value: Any, name: str, units: list[str]) -> Any:
-    """Return a value as plain numbers in the unit of its field, with a warning if it changes.
+    """Return a value as plain numbers in the unit of its field; warn if they were converted.
 
-    Rows of numbers in several units have none that could be converted.
+    Arrays are refused where the field has columns in several `units`: it is unclear which apply.
     """
     if isinstance(value, list | tuple):
         return [_in_unit(item, f"{name}[{i}]", units) for i, item in enumerate(value)]
@@ -364,7 +371,7 @@ def _in_unit(value: Any, name: str, units: list[str]) -> Any:
     if not unit:
         return value
     numbers = require_array(without_unit(value), name, f"numbers [{wanted}]")
-    # a field such as "depth [m], a, b [m-1]" has no unit that an array could have
+    # an array in one unit cannot fill a field such as "depth [m], a, b [m-1]"
     if not is_unit(wanted) or (numbers.ndim and len(units) > 1):
         allowed = f"plain numbers [{', '.join(units)}]"
         raise Refused(name, Described(f"an array in {unit}"), allowed)
@@ -381,7 +388,8 @@ def _require_numbers(value: Any, path: str) -> None:
                 _require_numbers(item, f"{path}[{i}]")
     else:
         require_number(value, path)
-        if not hasattr(value, "columns"):  # the fields that read data frames refuse others
+        # data frames go on to the fields that read them by column; other fields refuse them
+        if not hasattr(value, "columns"):
             require_plain(value, path, "numbers")
 
 
@@ -414,7 +422,7 @@ def _refusals(cls: type[Model]) -> Iterator[None]:
 def _refuse_first(error: pydantic.ValidationError, cls: type[Model]) -> NoReturn:
     """Refuse an unknown key, or else the first wrong value."""
     errors = error.errors(include_url=False)
-    # pydantic looks for unknown keys last, but a misspelt one explains a missing one
+    # pydantic reports unknown keys last, but a misspelt key is the cause of a missing one
     first = next((e for e in errors if e["type"] == "extra_forbidden"), errors[0])
     if first["type"] == "extra_forbidden":
         aliases = (field.alias for field in cls.model_fields.values() if field.alias)
@@ -423,16 +431,17 @@ def _refuse_first(error: pydantic.ValidationError, cls: type[Model]) -> NoReturn
 
 
 GROUP = "meshtrace.parts"
-"""Group of entry points whose names are kinds and whose objects are classes."""
+"""Group of entry points, through which packages add classes (the objects) by kind (the names)."""
 
-_TRUSTED: ContextVar[bool] = ContextVar("trusted", default=False)
+_TRUSTED: ContextVar[bool] = ContextVar("trusted", default=False)  # inside `trusting`
 
 
 class Family(Model, frozen=True):
-    """Base of the families; the import path is the kind of a subclass that names no other.
+    """Base of the families: models of which each class has a `kind`, by which data name it.
 
-    Class keywords of a family's base: `default`, the kind of a table that names none; `closed`,
-    the reason why no other kinds can join.
+    A direct subclass is the base of a family. It may set the class keywords `default`, the kind of
+    a table that names none, and `closed`, the reason why users cannot add classes. A user's class
+    that declares no kind has its import path as kind.
 
     Examples
     --------
@@ -452,7 +461,7 @@ class Family(Model, frozen=True):
             """Name of the class in plain data."""
 
     registered: ClassVar[dict[str, type[Any]]] = {}
-    synonyms: ClassVar[Mapping[str, str]] = {}  # other words for a kind, named by refusals
+    synonyms: ClassVar[Mapping[str, str]] = {}  # kind to suggest in an error, by another word
     _default: ClassVar[str] = ""
     _closed: ClassVar[str] = ""
 
@@ -474,12 +483,12 @@ class Family(Model, frozen=True):
         if Family in cls.__bases__ or "kind" not in cls.model_fields or inspect.isabstract(cls):
             return
         kind = cls.model_fields["kind"].default
-        known = cls.registered.get(kind)
-        # a kernel knows the closed families by their members
+        other = cls.registered.get(kind)
+        # compiled kernels have a branch for each class of a closed family, and no others
         if cls._closed and not _is_ours(cls):
             raise Refused(f"{cls.__qualname__}.kind", kind, cls._closed)
-        if known is not None and known.__qualname__ != cls.__qualname__:
-            raise Refused(f"{cls.__qualname__}.kind", kind, f"a kind other than {known.__name__}'s")
+        if other is not None and other.__qualname__ != cls.__qualname__:
+            raise Refused(f"{cls.__qualname__}.kind", kind, f"a kind other than {other.__name__}'s")
         cls.registered[kind] = cls
 
     @classmethod
@@ -492,26 +501,26 @@ class Family(Model, frozen=True):
             If there is none, it is not of this family, or its module is not imported yet and
             import paths are not trusted.
         """
-        known: Any = cls.registered.get(kind) if isinstance(kind, str) else None
+        target: Any = cls.registered.get(kind) if isinstance(kind, str) else None
         allowed = ", ".join(cls.registered)
         allowed += f" ({cls._closed})" if cls._closed else f" or module:{cls.__name__}"
-        if known is None and isinstance(kind, str) and not cls._closed:
+        if target is None and isinstance(kind, str) and not cls._closed:
             if source := _untrusted(kind):
                 hint = f"would run {source}: a link file may, with --trust or trust=True;"
                 raise Refused(key, kind, allowed, hint)
             try:
-                known = _imported(kind)
+                target = _imported(kind)
             except Exception as error:  # any failure of a module's import
                 raise Refused(key, kind, f"{allowed} ({error})") from error
-        if inspect.isclass(known) and issubclass(known, cls):
-            return known
+        if inspect.isclass(target) and issubclass(target, cls):
+            return target
         synonym = cls.synonyms.get(kind.lower()) if isinstance(kind, str) else None
         hint = f"did you mean {synonym}?" if synonym else did_you_mean(kind, cls.registered)
         raise Refused(key, kind, allowed, hint)
 
     @classmethod
     def read(cls, value: Any) -> Self:
-        """Return the model that plain data describe: a table with its `kind`, or a bare kind.
+        """Return the model described by plain data: a table with its `kind`, or a bare kind.
 
         Parameters
         ----------
@@ -523,7 +532,7 @@ class Family(Model, frozen=True):
         Refused
             If the kind is unknown or a value is not allowed.
         """
-        # members of a user's own class have passed their validators
+        # models are frozen: they are as valid as when they were made
         if isinstance(value, cls):
             return value
         table = {"kind": value} if isinstance(value, str) else value
@@ -535,14 +544,14 @@ class Family(Model, frozen=True):
 
     @classmethod
     def read_several(cls, value: Any) -> Self | tuple[Self, ...]:
-        """Return the model of plain data, or a tuple of models for a list."""
+        """Return the model described by plain data, or a tuple of models for a list."""
         if not isinstance(value, list | tuple):
             return cls.read(value)
-        parts = []
+        members = []
         for i, item in enumerate(value):
             with within(i):
-                parts.append(cls.read(item))
-        return tuple(parts)
+                members.append(cls.read(item))
+        return tuple(members)
 
 
 def _is_ours(cls: type) -> bool:
@@ -551,9 +560,9 @@ def _is_ours(cls: type) -> bool:
 
 @contextmanager
 def trusting(trust: bool = True) -> Iterator[None]:
-    """Let import paths "module:Class" in plain data run the modules that they name.
+    """Allow import paths "module:Class" in plain data to import modules within a block.
 
-    Without `trust` the block is as trusted as what surrounds it.
+    With ``trust=False`` nothing changes: a block inside a trusted one is trusted as well.
     """
     token = _TRUSTED.set(trust or _TRUSTED.get())
     try:
@@ -563,19 +572,19 @@ def trusting(trust: bool = True) -> Iterator[None]:
 
 
 def modules_of(text: str) -> list[str]:
-    """Return the modules of the user's classes that a text names by kind.
+    """Return the modules of users' classes whose kinds occur in a text.
 
-    Another process that reads the text imports them first, by `import_modules`.
+    Another process must import them, by `import_modules`, before it can read the text.
     """
     members = (m for family in Family.__subclasses__() for m in family.registered.items())
-    named = {c.__module__ for kind, c in members if not _is_ours(c) and kind in text}
-    return sorted(named - {"__main__"})
+    modules = {c.__module__ for kind, c in members if not _is_ours(c) and kind in text}
+    return sorted(modules - {"__main__"})
 
 
 def import_modules(names: Iterable[str]) -> None:
     """Import modules, also from the working directory as `python -m` does."""
     folder = os.getcwd()
-    # at the end: a file of the working directory must not hide a package
+    # last in the search: a file of the working directory must not hide a package
     sys.path.append(folder)
     try:
         for name in names:
@@ -592,12 +601,12 @@ def _module_of(kind: str) -> str:
 
 
 def _untrusted(kind: str) -> str:
-    """Return the file that a kind would run without trust, found without running any, or ""."""
+    """Return the file that importing a kind would run although it is not trusted, or ""."""
     module = _module_of(kind)
     if not module or module in sys.modules or _TRUSTED.get():
         return ""
     package = module.partition(".")[0]
-    # found without an import: its code is a stranger's
+    # only the top package is looked up: Python would run it to find a module inside
     spec = PathFinder.find_spec(package, [*sys.path, os.getcwd()])
     return (spec and spec.origin) or f"the module {package}"
 
@@ -610,6 +619,7 @@ def _imported(kind: str) -> Any:
     if module not in sys.modules:
         import_modules([module])
     target: Any = sys.modules[module]
-    for word in kind.partition(":")[2].split("."):
-        target = getattr(target, "__dict__", {}).get(word)  # runs nothing
+    for attribute in kind.partition(":")[2].split("."):
+        # not `getattr`, which may run a `__getattr__` or a property of the module's
+        target = getattr(target, "__dict__", {}).get(attribute)
     return target

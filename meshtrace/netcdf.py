@@ -1,7 +1,7 @@
-"""Files of netCDF and HDF5: sizes are checked before anything is read.
+"""NetCDF, HDF5 and Zarr files: sizes are checked before any array is read.
 
-A file of a few kilobytes can state arrays of any size: HDF5 stores no chunk that was never written,
-and deflate packs a thousand bytes into one.
+A file of a few kilobytes can state arrays of any size: HDF5 does not store chunks that were never
+written, and deflate packs a thousand bytes into one.
 """
 
 from __future__ import annotations
@@ -31,19 +31,22 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MOST_BYTES = 2**31
-"""Size of all arrays of a file that is read whole [B]."""
+"""Largest size of all arrays together, of a file that is read as a whole [B]."""
 
-_HARMLESS = 2**26  # [B]: any file may state as much
+_HARMLESS = 2**26  # [B] (tuned: small enough for any computer) that even a tiny file may state
 _DENSEST = 1100  # deflate expands a byte to at most 1032
 _TEXT = 1024  # [B] assumed for a text of variable length, which HDF5 counts as a pointer
 ALLOWED = "an undamaged netCDF file"
+# HDF5 File Format Specification: start of a global heap (III.E), and the header of an object in
+# it, of its index and its size [B]; start of a file (II.A)
 _HEAP, _HEAP_OBJECT = b"GCOL\x01\0\0\0", struct.Struct("<H6xQ")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+# netCDF-C writes this text as attribute NAME of a dimension without coordinates
 _PLACEHOLDER = "This is a netCDF dimension but not a netCDF variable"
 
 
 def require_size(stated: int, stored: int, name: str, most: int | None = MOST_BYTES) -> None:
-    """Refuse arrays that no memory should hold, or that their stored bytes cannot hold.
+    """Refuse arrays that are too large for memory, or for the stored bytes to contain.
 
     Parameters
     ----------
@@ -66,7 +69,7 @@ def require_size(stated: int, stored: int, name: str, most: int | None = MOST_BY
 
 
 def _bytes(n: int) -> str:
-    """Return a size as text."""
+    """Return a size in bytes as text with a decimal unit."""
     size, units = float(n), ["B", "kB", "MB", "GB", "TB", "PB"]
     while size >= 1000.0 and len(units) > 1:
         size, units = size / 1000.0, units[1:]
@@ -75,7 +78,7 @@ def _bytes(n: int) -> str:
 
 @contextmanager
 def reading(path: str | PathLike[str], allowed: str = ALLOWED) -> Iterator[None]:
-    """Refuse a path that is no file, and turn all errors of a block into refusals of the file."""
+    """Refuse a path that is not a file, and turn errors of a block into refusals of the file."""
     name = str(path) if isinstance(path, str | PathLike) else show(path)
     is_file = is_folder = False
     with suppress(TypeError, ValueError, OSError):
@@ -106,7 +109,7 @@ def opened(
     Raises
     ------
     Refused
-        If there is no such file, it is damaged or no netCDF file, states arrays that it cannot
+        If there is no such file, it is damaged or not a netCDF file, states arrays that it cannot
         hold, or refers to other files.
     """
     import xarray as xr
@@ -115,25 +118,25 @@ def opened(
         check_file(path, most)
         with open(path, "rb") as file:
             is_classic = file.read(3) == b"CDF"
-        # pure HDF5 files name no dimensions
+        # HDF5 files that were not written as netCDF do not name their dimensions
         hdf5: dict[str, Any] = {"engine": "h5netcdf", "phony_dims": "sort"}
         engine: dict[str, Any] = {"engine": "scipy"} if is_classic else hdf5
-        engine["decode_timedelta"] = False
+        engine["decode_timedelta"] = False  # a wave period in s remains a number
         with xr.open_dataset(path, **(engine | options)) as data:
             yield data
 
 
 def check_file(path: str | PathLike[str], most: int | None = MOST_BYTES) -> None:
-    """Refuse a netCDF or HDF5 file that states arrays which it cannot hold; others pass."""
+    """Refuse a netCDF or HDF5 file that states arrays which it cannot hold; ignore other files."""
     status = os.stat(path)
     if status.st_size == 0:
         raise OSError("the file is empty")
     _check(str(path), most, status.st_size, (status.st_ino, status.st_mtime_ns))
 
 
-@lru_cache(maxsize=64)  # frames of one file are read one by one
+@lru_cache(maxsize=64)  # a file of many frames is opened again for each of them
 def _check(path: str, most: int | None, stored: int, version: tuple[int, int]) -> None:
-    """Check a file of some bytes, once for each version of it."""
+    """Check a file of `stored` bytes, once for each `version` (inode and time) of it."""
     with open(path, "rb") as file:
         head = file.read(8)
     if head.startswith(b"CDF"):
@@ -142,12 +145,15 @@ def _check(path: str, most: int | None, stored: int, version: tuple[int, int]) -
         _check_heaps(path)
         total, largest_chunk = _hdf5_size(path)
         require_size(total, stored, path, most)
-        # one value of a chunk is read by expanding all of it
+        # to read one value of a chunk, HDF5 expands all of it
         require_size(largest_chunk, stored, path)
 
 
 def _classic_size(path: str | PathLike[str]) -> int:
-    """Return the size of all variables of a classic file, which may share its bytes."""
+    """Return the size of all variables of a classic netCDF file [B].
+
+    Variables of a forged file may overlap, so that their sum may exceed the size of the file.
+    """
     from scipy.io import netcdf_file
 
     file = netcdf_file(path, mmap=True)
@@ -159,9 +165,9 @@ def _classic_size(path: str | PathLike[str]) -> int:
 
 
 def _hdf5_size(path: str | PathLike[str]) -> tuple[int, int]:
-    """Return the size of all arrays as numbers of 8 bytes, and that of the largest chunk.
+    """Return the size of all arrays, as numbers of 8 bytes, and of the largest chunk [B].
 
-    Files that refer to others are refused: whoever made them would choose what is read.
+    Files that refer to others are refused: they would let their author read the user's files.
     """
     import h5py
 
@@ -181,13 +187,14 @@ def _hdf5_size(path: str | PathLike[str]) -> tuple[int, int]:
         width = _TEXT if item.dtype.hasobject else max(item.dtype.itemsize, 8)
         sizes.append(int(item.size or 0) * width)
         if item.chunks is not None:
-            # of Python's integers: the product of a forged shape overflows int64
+            # as Python integers: the product of a forged shape overflows int64
             chunks.append(int(np.prod(item.chunks, dtype=object)) * width)
 
     elsewhere: list[str] = []
     sizes, chunks = [0], [0]
     with h5py.File(path, "r") as file:
-        file.attrs.get("_nc3_strict")  # h5netcdf leaves a traceback where this fails
+        # h5netcdf reads this, too, and leaves a traceback where it fails: it shall fail here
+        file.attrs.get("_nc3_strict")
         file.visititems_links(add_link)
         file.visititems(add)
     if elsewhere:
@@ -196,29 +203,31 @@ def _hdf5_size(path: str | PathLike[str]) -> tuple[int, int]:
 
 
 def _check_heaps(path: str | PathLike[str]) -> None:
-    """Refuse an HDF5 file with an object of no size in a global heap.
+    """Refuse an HDF5 file with an object of size 0 in a global heap.
 
-    HDF5 loops for ever over it (H5HG__cache_heap_deserialize); one wrong bit in a file without a
-    digest is enough.
+    HDF5 loops over it forever (H5HG__cache_heap_deserialize). In a file without a digest, a single
+    wrong bit is enough.
     """
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         start = content.find(_HEAP)
         while start >= 0:
             end = start + int.from_bytes(content[start + 8 : start + 16], "little")
-            at = start + 16
-            while at + 16 <= end <= len(content):
-                index, size = _HEAP_OBJECT.unpack_from(content, at)
+            place = start + 16
+            while place + 16 <= end <= len(content):
+                index, size = _HEAP_OBJECT.unpack_from(content, place)
                 if index == 0 and size < 16:
                     raise OSError("damaged: an object of a global heap has no size")
-                at += 16 + -(-size // 8) * 8 if index else size
+                # index 0 is free space, whose size includes this header; the data of other objects
+                # follow their header and are padded to 8 bytes
+                place += 16 + -(-size // 8) * 8 if index else size
             start = content.find(_HEAP, start + 1)
 
 
 def check_zarr(dataset: xr.Dataset) -> None:
-    """Refuse a dataset of a Zarr store with chunks that no memory should hold; others pass.
+    """Refuse a dataset of a Zarr store with chunks too large for memory; ignore other datasets.
 
-    Reading one value expands a whole chunk. In a local store a chunk may not state more than the
-    store says of it either: codecs make room for what the chunk states.
+    Reading one value expands a whole chunk. Codecs allocate the size that is stated in the file of
+    the chunk: in a local store it may not exceed the size by the metadata.
 
     Raises
     ------
@@ -227,9 +236,10 @@ def check_zarr(dataset: xr.Dataset) -> None:
     """
     store = Path(str(dataset.encoding.get("source", "")))
     for name, variable in dataset.variables.items():
+        # the shapes of a chunk and of a shard, a file of several chunks
         grids = [variable.encoding.get(key) for key in ("chunks", "shards")]
-        width = np.dtype(variable.encoding.get("dtype", variable.dtype)).itemsize
-        sizes = [math.prod(grid) * width for grid in grids if grid is not None]
+        itemsize = np.dtype(variable.encoding.get("dtype", variable.dtype)).itemsize
+        sizes = [math.prod(grid) * itemsize for grid in grids if grid is not None]
         if not sizes:
             continue
         require_size(max(sizes), max(sizes), f"a chunk of {name}")
@@ -246,38 +256,40 @@ _ZSTD = b"\x28\xb5\x2f\xfd"
 
 
 def _stated_by_chunk(path: Path, codec: str, most: int) -> int:
-    """Return the expanded size of a chunk, or a greater one than `most` of one that is larger.
+    """Return the expanded size of a chunk [B], or any number above `most` if it is larger.
 
-    0 for a chunk of another codec, or of zstd without a size.
+    The size is 0 for unknown codecs, and for zstd if none is stated.
     """
     with path.open("rb") as file:
         head = file.read(18)
-    # bytes 4 to 8 of its header: the size before compression
+    # the header of Blosc states it in bytes 4 to 7
     if "blosc" in codec:
         return int.from_bytes(head[4:8], "little")
-    # numcodecs writes the size before its blocks
+    # numcodecs writes it before the LZ4 block
     if "lz4" in codec:
         return int.from_bytes(head[:4], "little")
     if head.startswith(_ZSTD) and len(head) > 4:  # RFC 8878, 3.1.1.1
         flags = head[4]
+        # Single_Segment_flag, and number of bytes of Frame_Content_Size
         single, width = flags >> 5 & 1, (0, 2, 4, 8)[flags >> 6]
         width = width or single
         start = 6 - single + (0, 1, 2, 4)[flags & 3]
+        # two bytes hold the size less 256
         return int.from_bytes(head[start : start + width], "little") + 256 * (width == 2)
-    # one byte more than allowed is enough to refuse it
+    # other formats do not state it: expand until it exceeds what is allowed
     if "zlib" in codec:
         return len(zlib.decompressobj().decompress(path.read_bytes(), most + 1))
-    expand = next((opened for magic, opened in _STREAMS.items() if head.startswith(magic)), None)
-    size = 0
+    expand = next((opener for magic, opener in _STREAMS.items() if head.startswith(magic)), None)
+    total = 0
     if expand is not None:
         with expand(path) as stream:
-            while size <= most and (block := stream.read(2**20)):
-                size += len(block)
-    return size
+            while total <= most and (block := stream.read(2**20)):
+                total += len(block)
+    return total
 
 
 def valid_values(variable: xr.DataArray) -> NDArray[np.float64]:
-    """Return the values of a variable, nan outside the valid range of its attributes."""
+    """Return the values of a variable, nan outside the valid range that its attributes state."""
     values = np.asarray(variable.values, np.float64)
     low, high = variable.attrs.get("valid_min"), variable.attrs.get("valid_max")
     low, high = variable.attrs.get("valid_range", (low, high))
@@ -289,6 +301,8 @@ def valid_values(variable: xr.DataArray) -> NDArray[np.float64]:
     return values
 
 
+# phrases about directions, in lower case: those that say how angles count, and so hide words of
+# the next two; waves come from there; waves go there; angles count counter-clockwise from east
 _TURNS = re.compile(
     r"(relative|with respect|respect|referred|reference) to|(counter-?|anti-?)?clockwise( from)?"
     r"|from (the )?(true |geographic |grid )?(north|east|x)|magnetic declination"
@@ -303,48 +317,48 @@ _CARTESIAN = re.compile(
 
 
 def convention_of(direction: xr.DataArray, attributes: Mapping[Any, Any]) -> str:
-    """Return the convention of directions that attributes state, "" if they state none.
+    """Return the convention of directions that attributes state, or "" if they state none.
 
     Parameters
     ----------
     direction : xarray.DataArray
         Directions of waves, with their attributes.
     attributes : mapping
-        Attributes of the dataset, of which only those about a convention of directions count.
+        Attributes of the dataset; only those whose names contain "convention" and "dir" count.
 
     Returns
     -------
     str
-        "from" or "to", clockwise from north; "cartesian" for the direction of travel and
-        "cartesian from" for that of origin, counter-clockwise from east.
+        "from" or "to", where waves come from or go to, clockwise from north; "cartesian" for where
+        they go to, also if not stated, and "cartesian from", counter-clockwise from east.
 
     Raises
     ------
     Refused
         If attributes contradict each other, or directions count from magnetic north.
     """
-    about = [
+    statements = [
         str(v)
         for k, v in attributes.items()
         if "convention" in str(k).lower() and "dir" in str(k).lower()
     ]
-    about += [str(v) for k, v in direction.attrs.items() if k not in ("units", "unit")]
-    texts = [text.lower() for text in about]
+    statements += [str(v) for k, v in direction.attrs.items() if k not in ("units", "unit")]
+    texts = [text.lower() for text in statements]
     if any("magnetic north" in text or "degrees_magnetic" in text for text in texts):
         raise Refused("dir", Described("relative to magnetic north"), "relative to true north")
-    ways = set()
+    senses = set()
     for text in texts:
         # "clockwise from north" says how angles count, not where waves come from
-        bare = _TURNS.sub(" ", text)
-        if _FROM.search(bare):
-            ways.add("from")
-        elif _TO.search(bare):
-            ways.add("to")
+        remaining = _TURNS.sub(" ", text)
+        if _FROM.search(remaining):
+            senses.add("from")
+        elif _TO.search(remaining):
+            senses.add("to")
     is_cartesian = any(_CARTESIAN.search(text) for text in texts)
-    if len(ways) > 1:
+    if len(senses) > 1:
         allowed = "attributes that agree whether waves come from there or go to"
-        raise Refused("dir", Described("; ".join(about)), allowed)
-    way = next(iter(ways), "to" if is_cartesian else "")
+        raise Refused("dir", Described("; ".join(statements)), allowed)
+    sense = next(iter(senses), "to" if is_cartesian else "")
     if not is_cartesian:
-        return way
-    return "cartesian" if way == "to" else "cartesian from"
+        return sense
+    return "cartesian" if sense == "to" else "cartesian from"

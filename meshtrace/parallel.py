@@ -259,7 +259,7 @@ class LongWork(UserWarning):
 
 
 def announce(seconds: float, work: str, least: float = LONG) -> None:
-    """Warn of a work that is expected to take more than `least` seconds."""
+    """Warn of a computation that is expected to take more than `least` seconds."""
     if seconds > least:
         warnings.warn(f"{work}: about {duration(seconds)}", LongWork, stacklevel=2)
 

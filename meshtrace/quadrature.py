@@ -1,4 +1,4 @@
-"""Nodes and weights of Gauss-Legendre quadrature, found once for each number of points."""
+"""Nodes and weights of Gauss-Legendre quadrature, computed once for each number of points."""
 
 from __future__ import annotations
 

@@ -51,7 +51,10 @@ FORMAT_VERSION = 2
 """Version of the files; others are refused."""
 
 SHIFTS = 32
-"""Independent groups from which standard errors come: shifts of chains, photon ids modulo 32."""
+"""Number of independent groups of samples, whose scatter gives the standard errors.
+
+Chains are grouped by the random shift of their points, photons by their number modulo `SHIFTS`.
+"""
 
 _HOMES = {
     "gain": "meshtrace.results.gain",
@@ -78,35 +81,37 @@ _HOMES = {
     "measured": "meshtrace.apps.measured",
     "fading-convergence": "meshtrace.studies.convergence",
 }
-"""Modules of the results by kind, imported when a file asks for them."""
+"""Module that defines the result of each kind, imported when a file holds one."""
 
-_hints: Callable[..., dict[str, Any]] = cache(get_type_hints)  # which takes milliseconds
+_hints: Callable[..., dict[str, Any]] = cache(get_type_hints)  # a call takes milliseconds
 
 _MARK = b"meshtrace-sha256"
-_TRAILER = len(_MARK) + hashlib.sha256().digest_size
+_TRAILER = len(_MARK) + hashlib.sha256().digest_size  # [B]
 
 Variables = dict[str, tuple[Any, ...]]
-"""Arrays by their names in files: dimensions, values and, where not those of the name, attributes.
+"""Arrays by their names in files: (dimensions, values) or (dimensions, values, attributes).
+
+Without attributes, those of the name in `fields.toml` apply.
 """
 
 
 class Elsewhere:
-    """Field that no file has, or that its class writes and reads itself."""
+    """Field that is not stored, or that its class writes and reads itself."""
 
     def write(self, value: Any) -> Variables:
-        """Return no variable."""
+        """Return no variables."""
         return {}
 
     def read(self, data: xr.Dataset, hint: Any) -> Any:
-        """Return MISSING."""
+        """Return MISSING, with which the field keeps its default."""
         return MISSING
 
 
 class Variable:
     """Array or number with its dimensions and its name in files, by default that of the field.
 
-    Units and long name are those of the name in `fields.toml`. Values with fewer dimensions have
-    the first ones.
+    Units and long name are those of the name in `fields.toml`. A value with fewer dimensions than
+    `dims` has the first of them.
     """
 
     def __init__(self, *dims: str, name: str = "") -> None:
@@ -128,15 +133,16 @@ class Variable:
         return tuple(values.tolist()) if get_origin(hint) is tuple else values
 
     def checked(self, array: xr.Variable, hint: Any) -> xr.Variable:
-        """Check that an array has the dimensions that a result writes, and numbers or text."""
+        """Check that an array has the dimensions and the type of values that a result writes."""
         dims, lacking = self.dims[: array.ndim], self.dims[array.ndim :]
         # values of one receiver lack that dimension; a number has none
         fits = array.dims == dims and (array.ndim or not lacking) and {*lacking} <= {"receiver"}
-        # a link may have no receivers, and light no scatterings
+        # a link may have no receivers, and its water may not scatter: no order of scattering
         is_empty = any(n == 0 for dim, n in array.sizes.items() if dim not in ("receiver", "order"))
         if not fits or is_empty:
             shape = ", ".join(f"{dim} {size}" for dim, size in array.sizes.items())
             raise ValueError(f"{self.name} of dimensions ({shape}), not ({', '.join(self.dims)})")
+        # text of fixed length, as Python objects or of variable length; or else numbers
         if array.dtype.kind not in ("UOT" if _is_text(hint) else "biuf"):
             raise TypeError(f"{self.name} of {array.dtype}")
         _check_range(self.name, array.to_numpy())
@@ -144,36 +150,37 @@ class Variable:
 
 
 class Columns:
-    """Named tuples or dataclasses as rows: a variable for each column, its name behind a prefix.
+    """Sequence of named tuples or dataclasses, stored as one variable for each of their fields.
 
-    An `Estimate` in the column `ber` has the variables ber, ber_low and ber_high. A column with the
-    name of a dimension, or `name`, is its coordinate. Without dimensions there is a single row.
+    A prefix goes before the names of the variables. An `Estimate` in the field `ber` is stored as
+    ber, ber_low and ber_high. A field with the name of a dimension, or the field `name` for the
+    first dimension, is its coordinate. Without dimensions there is a single item.
     """
 
     def __init__(self, kind: type, prefix: str = "", *dims: str) -> None:
         self.kind, self.prefix, self.dims = kind, prefix, dims
 
     def write(self, value: Any) -> Variables:
-        """Return the columns of rows that go through the last dimension first."""
-        table = value if self.dims else [value]
+        """Return the variables of items that are ordered with the last dimension fastest."""
+        items = value if self.dims else [value]
         columns = {
-            item.name: (item, [reduce(getattr, path, row) for row in table])
-            for item, path, _ in self._columns()
+            variable.name: (variable, [reduce(getattr, path, row) for row in items])
+            for variable, path, _ in self._columns()
         }
-        # the last size follows from the number of rows
+        # a dimension is as long as its coordinate has values; the last follows from the items
         shape = (*(len({*columns[dim][1]}) for dim in self.dims[:-1]), -1)[: len(self.dims)]
         variables = Variables()
-        for item, column in columns.values() if table else ():
+        for variable, column in columns.values() if items else ():
             # netCDF has no truth values
             array = np.array(column, np.int8 if isinstance(column[0], bool | np.bool) else None)
             # a coordinate is the same along all other dimensions
-            repeats = tuple(0 if dim not in item.dims else slice(None) for dim in self.dims)
-            variables |= item.write(array.reshape(shape)[repeats])
+            first = tuple(0 if dim not in variable.dims else slice(None) for dim in self.dims)
+            variables |= variable.write(array.reshape(shape)[first])
         return variables
 
     def read(self, data: xr.Dataset, hint: Any) -> Any:
-        """Return the rows that a dataset has for a field, or MISSING."""
-        columns = {item.name: (item, kind) for item, _, kind in self._columns()}
+        """Return the items that a dataset has for a field, or MISSING."""
+        columns = {variable.name: (variable, kind) for variable, _, kind in self._columns()}
         present = [name for name in columns if name in data.variables and name not in self.dims]
         if not present:
             return MISSING
@@ -181,38 +188,39 @@ class Columns:
             raise ValueError(f"no variable {lacking[0]} beside {present[0]}")
         sizes = {dim: data.sizes[dim] for dim in self.dims}
         flat = []
-        for name, (item, kind) in columns.items():
-            array = data.variables[name].transpose(*item.dims, missing_dims="ignore")
-            flat.append(item.checked(array, kind).set_dims(sizes).to_numpy().ravel().tolist())
-        table = _rows(self.kind, iter(flat))
-        return (get_origin(hint) or hint)(table) if self.dims else table[0]
+        for name, (variable, kind) in columns.items():
+            array = data.variables[name].transpose(*variable.dims, missing_dims="ignore")
+            flat.append(variable.checked(array, kind).set_dims(sizes).to_numpy().ravel().tolist())
+        items = _rows(self.kind, iter(flat))
+        return (get_origin(hint) or hint)(items) if self.dims else items[0]
 
     def _columns(self) -> Iterator[tuple[Variable, tuple[str, ...], Any]]:
-        """Yield the variable of each column, its path within a row, and its type."""
+        """Yield the variable of each column, its path within an item, and its type."""
         for path, hint in _paths(self.kind):
+            # the value of an `Estimate` has the name of the estimate
             words = (word for word in (self.prefix, *path) if word not in ("", "value"))
             name = self.dims[0] if path == ("name",) else "_".join(words)
             yield Variable(*([name] if name in self.dims else self.dims), name=name), path, hint
 
 
 def _paths(kind: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Yield the names that lead to each number or text of a row, and its type."""
+    """Yield the path of field names to each number or text in nested tuples, and its type."""
     for name, hint in _hints(kind).items():
         inner = _paths(hint) if hasattr(hint, "_fields") else [((), hint)]
         yield from (((name, *path), last) for path, last in inner)
 
 
 def _rows(kind: Any, columns: Iterator[list[Any]]) -> list[Any]:
-    """Return rows of the next columns, in the order of `_paths`."""
+    """Return items of a class, made of the next columns in the order of `_paths`."""
     values: list[Any] = []
     for hint in _hints(kind).values():
         column = _rows(hint, columns) if hasattr(hint, "_fields") else next(columns)
-        values.append(map(bool, column) if hint is bool else column)
+        values.append(map(bool, column) if hint is bool else column)  # stored as int8
     return [kind(*row) for row in zip(*values, strict=True)]
 
 
 class Part:
-    """Tally or named tuple of arrays, whose own fields are described."""
+    """Tally or named tuple of arrays, stored as the variables of its fields."""
 
     def __init__(self, kind: type) -> None:
         self.kind = kind
@@ -228,7 +236,7 @@ class Part:
 
 
 class Attribute(Elsewhere):
-    """Attribute of a dataset, of another name than the field: number or text, or else JSON."""
+    """Attribute of a dataset with its name in files: a number or a text, or else JSON."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -249,15 +257,15 @@ class Attribute(Elsewhere):
         if hint is Any:
             return value
         if isinstance(value, str) and hint is not str:
-            with suppress(ValueError):  # a word, or damaged: the type decides
+            with suppress(ValueError):  # no JSON: a word, or damaged; the validation decides
                 value = json.loads(value)
-        # numbers of netCDF are those of numpy
+        # netCDF returns numbers as numpy's types
         value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
         return TypeAdapter(hint).validate_python(value)
 
 
 def _is_text(hint: Any) -> bool:
-    """Return whether a type is that of texts, or of a tuple of texts or of certain words."""
+    """Return whether a type is `str`, a tuple of `str`, or a `Literal` of words."""
     return hint is str or isinstance(hint, str) or any(map(_is_text, get_args(hint)))
 
 
@@ -268,11 +276,11 @@ def _check_range(name: str, values: NDArray[Any]) -> None:
 
 
 def described(kind: Any) -> dict[str, tuple[Any, Any]]:
-    """Return type and description of each field; one without is an attribute of its name."""
+    """Return the type of each field and how it is stored: by default as an `Attribute`."""
     fields = {}
     for name, hint in _hints(kind, include_extras=True).items():
         if get_origin(hint) is not ClassVar and name != "provenance":
-            description = getattr(hint, "__metadata__", [Attribute(name)])[0]
+            description = getattr(hint, "__metadata__", [Attribute(name)])[0]  # of `Annotated`
             if isinstance(description, Variable) and not description.name:
                 description = Variable(*description.dims, name=name)
             fields[name] = _hints(kind)[name], description
@@ -280,7 +288,7 @@ def described(kind: Any) -> dict[str, tuple[Any, Any]]:
 
 
 def variables_of(item: Any) -> Variables:
-    """Return the variables of a result or part: its fields, and what it derives from them."""
+    """Return the variables of a result or part: its fields, and those of its `_derived`."""
     variables = Variables()
     for name, (_, description) in described(type(item)).items():
         value = getattr(item, name)
@@ -290,7 +298,7 @@ def variables_of(item: Any) -> Variables:
 
 def fields_of(kind: type, data: xr.Dataset) -> dict[str, Any]:
     """Return the fields of a result or part that a dataset holds."""
-    fields = {name: item.read(data, hint) for name, (hint, item) in described(kind).items()}
+    fields = {name: entry.read(data, hint) for name, (hint, entry) in described(kind).items()}
     return {name: value for name, value in fields.items() if value is not MISSING}
 
 
@@ -299,10 +307,10 @@ class Stored(ABC):
     """Result with a text, a notebook table, a Dataset and a file.
 
     Subclasses are frozen dataclasses (`repr=False`) with a `kind` and a `title`. A field of type
-    ``Annotated[array, Variable(*dims)]`` is a variable of the dataset, the columns of rows with
-    `Columns` and the arrays of a tally with `Part` are several. All others but the provenance are
-    attributes, of the same name or that of an `Attribute`. Where a field, `_step_name`, has the
-    name of a dimension and of its coordinate, descriptions call both "step".
+    ``Annotated[array, Variable(*dims)]`` is a variable of the dataset; those with `Columns` and
+    `Part` are several. All others but the provenance are attributes, under their own name or that
+    of an `Attribute`. A result over a parameter that the user chooses calls the dimension and its
+    coordinate "step"; files name them by the value of the field `_step_name`.
     """
 
     kind: ClassVar[str] = ""
@@ -339,15 +347,15 @@ class Stored(ABC):
         """Return the Dataset without kind, version and provenance."""
         import xarray as xr
 
-        about = {
-            item.name: item.plain(getattr(self, name))
-            for name, (_, item) in described(type(self)).items()
-            if isinstance(item, Attribute)
+        attributes = {
+            description.name: description.plain(getattr(self, name))
+            for name, (_, description) in described(type(self)).items()
+            if isinstance(description, Attribute)
         }
-        data = xr.Dataset(variables_of(self), attrs=about)
-        # before units are looked up: they are those of the name in files
+        data = xr.Dataset(variables_of(self), attrs=attributes)
+        # rename first: units are looked up by the name in files
         if self._step_name:
-            data = data.rename(step=about[self._step_name])
+            data = data.rename(step=attributes[self._step_name])
         for name, variable in data.variables.items():
             variable.attrs = variable.attrs or attrs(str(name))
         return data
@@ -363,10 +371,10 @@ class Stored(ABC):
         return cls(**{**fields_of(cls, data), **fields, "provenance": provenance})
 
     def _check(self) -> None:  # noqa: B027
-        """Raise for values of a file that no study writes: its digest may be that of a forger."""
+        """Raise an error for values that no study writes; anybody can compute a valid digest."""
 
     def _origin_lines(self) -> list[str]:
-        """Return the texts that come from the provenance; a file is refused without them."""
+        """Return the lines of the summary that come from the provenance."""
         return []
 
     def __repr__(self) -> str:
@@ -411,15 +419,15 @@ class Stored(ABC):
             problem = f"a {kind} of format_version {version}" if kind else "no result"
             allowed = f"{cls.kind} of format_version {FORMAT_VERSION}"
             raise Refused(name, Described(problem), allowed)
-        # a digest says that a file is whole, not that meshtrace wrote it
+        # a digest shows that a file is undamaged, not that meshtrace wrote it
         try:
             for label in dataset.dims:
                 if label in dataset.variables and bool(dataset[label].isnull().any()):
                     raise ValueError(f"{label} without a number")
             result = cls._restored(dataset, json.loads(dataset.attrs["provenance"]))
             result._check()
-            result._origin_lines()
-            result._content()  # fits together: sizes of all arrays
+            result._origin_lines()  # fails if the provenance lacks a key
+            result._content()  # fails if the sizes of arrays do not agree
             return result
         except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
             reason = f"{type(error).__name__}: {one_line(error)}"
@@ -446,8 +454,8 @@ class Stored(ABC):
 class Stacked(Stored):
     """Results of one kind along a dimension, each with its provenance.
 
-    Subclasses are dataclasses of labels along the dimension and the results. `_along` is the
-    dimension and the name of the labels in files.
+    Subclasses are dataclasses of the labels along the dimension and the results. `_along` holds
+    the names of the dimension and of the labels in files.
     """
 
     _along: ClassVar[tuple[str, str]] = ("", "")
@@ -470,11 +478,11 @@ class Stacked(Stored):
         import xarray as xr
 
         (dim, name), (labels, results) = self._along, self._stack()
-        # variables are stacked, attributes cannot be: a file has them as a text for each result
-        parts = [result._content() for result in results]
-        each = [json.dumps(part.attrs, default=lambda number: number.tolist()) for part in parts]
+        # variables are concatenated; attributes cannot be, and are written as JSON for each result
+        datasets = [result._content() for result in results]
+        each = [json.dumps(part.attrs, default=lambda number: number.tolist()) for part in datasets]
         data = xr.concat(
-            [part.drop_vars(name, errors="ignore") for part in _alike(parts)],
+            [part.drop_vars(name, errors="ignore") for part in _alike(datasets)],
             dim, data_vars="all", coords="minimal", compat="override", join="outer",
             combine_attrs="override",
         )  # fmt: skip
@@ -486,24 +494,24 @@ class Stacked(Stored):
         (dim, name), kind = cls._along, kind_of(data.attrs["of"])
         each = zip(np.atleast_1d(data.attrs["each"]), provenance, strict=True)
         results = [
-            kind._restored(data.isel({dim: i}).assign_attrs(json.loads(about)), origin)
-            for i, (about, origin) in enumerate(each)
+            kind._restored(data.isel({dim: i}).assign_attrs(json.loads(attributes)), origin)
+            for i, (attributes, origin) in enumerate(each)
         ]
         return cls._of_stack(data[name].to_numpy(), tuple(results))
 
 
-def _alike(parts: Sequence[xr.Dataset]) -> list[xr.Dataset]:
-    """Return datasets padded to common sizes along dimensions without coordinates."""
+def _alike(datasets: Sequence[xr.Dataset]) -> list[xr.Dataset]:
+    """Return datasets padded with 0 to equal sizes along dimensions without coordinates."""
     sizes: dict[Any, int] = {}
-    for part in parts:
+    for part in datasets:
         for name, size in part.sizes.items():
             sizes[name] = max(sizes.get(name, 0), size)
     padded = []
-    # wavelengths differ in their orders of scattering: an order without chains has no gain
-    for part in parts:
+    # such as the orders of scattering, fewer at some wavelengths: orders not sampled have no gain
+    for part in datasets:
         free = {name: size for name, size in part.sizes.items() if name not in part.coords}
-        lack = {name: (0, sizes[name] - size) for name, size in free.items() if size < sizes[name]}
-        padded.append(part.pad(lack, constant_values=0.0) if lack else part)
+        pad = {name: (0, sizes[name] - size) for name, size in free.items() if size < sizes[name]}
+        padded.append(part.pad(pad, constant_values=0.0) if pad else part)
     return padded
 
 
@@ -524,14 +532,14 @@ def load(path: str | Path) -> Stored:
     Raises
     ------
     Refused
-        If the file is damaged or no such result.
+        If the file is damaged or holds no result.
     """
     data = read_dataset(path)
     return kind_of(data.attrs.get("kind"), str(path)).from_dataset(data, str(path))
 
 
 def kind_of(kind: Any, name: str = "kind") -> type[Stored]:
-    """Return the class of results of a kind; `name` is the dataset or file in messages.
+    """Return the class of a kind of results; `name` is the dataset or file in messages.
 
     Raises
     ------
@@ -560,7 +568,7 @@ def write_dataset(data: xr.Dataset, path: str | Path) -> None:
     Raises
     ------
     Refused
-        If the path is a folder or in none, or may not be written.
+        If the path is a folder, is not in an existing folder, or may not be written.
     OSError
         If the disk is full; an older file is unchanged.
     """
@@ -570,6 +578,7 @@ def write_dataset(data: xr.Dataset, path: str | Path) -> None:
 
     data = data.compute()
     for variable in data.variables.values():
+        # filters, such as the checksum, need chunks: no scalars and no empty arrays
         numbers = variable.size > 0 and variable.ndim > 0 and variable.dtype.kind in "biufc"
         variable.encoding = {"_FillValue": None, **({"fletcher32": True} if numbers else {})}
     # in memory: HDF5 may crash where it cannot write to the disk
@@ -597,7 +606,7 @@ def read_dataset(path: str | PathLike[str], **options: Any) -> xr.Dataset:
     Raises
     ------
     Refused
-        If there is no such file, or it is damaged or no netCDF file.
+        If there is no such file, or it is damaged or not a netCDF file.
     """
     with reading(path):
         if _is_damaged(path):
@@ -609,19 +618,21 @@ def read_dataset(path: str | PathLike[str], **options: Any) -> xr.Dataset:
 def _is_damaged(path: str | PathLike[str]) -> bool:
     """Return whether the digest at the end of a file differs from the digest of its bytes.
 
-    HDF5 notes the end of its bytes in its superblock: the rest behind it is an intact or a damaged
-    digest. Other files have none.
+    The superblock of HDF5 states where its data end (end-of-file address; HDF5 File Format
+    Specification, section II.A): what follows is an intact or a damaged digest. A file without
+    the mark that ends there, or is no HDF5, has no digest and counts as undamaged.
     """
-    size = Path(path).stat().st_size - _TRAILER
+    size = Path(path).stat().st_size - _TRAILER  # [B] without the digest
     with open(path, "rb") as file:
         end, head = None, file.read(52)
         if len(head) == 52 and head.startswith(b"\x89HDF\r\n\x1a\n"):
-            place = {0: 40, 1: 44}.get(head[8], 28)  # by the version of the superblock
+            # byte 8 is the version of the superblock: 0, 1, or 2 and 3 alike
+            place = {0: 40, 1: 44}.get(head[8], 28)
             end = int.from_bytes(head[place : place + 8], "little")
         file.seek(0)
         digest = hashlib.sha256()
         for start in range(0, max(size, 0), 2**20):
             digest.update(file.read(min(2**20, size - start)))
         trailer = file.read()
-    expected = trailer.startswith(_MARK) or (end is not None and end < size + _TRAILER)
-    return expected and trailer != _MARK + digest.digest()
+    is_signed = trailer.startswith(_MARK) or (end is not None and end < size + _TRAILER)
+    return is_signed and trailer != _MARK + digest.digest()

@@ -1,8 +1,8 @@
-"""Tables of text, arrays and data frames are read by their headings; aligned rows are written.
+"""Read tables (text, arrays, data frames) by their headings; write aligned tables of text.
 
-A subject declares its columns (`Column`); `read_columns` finds them by name and unit, converts
-their units, and refuses what it does not understand by file, row and column. Without any heading
-columns are read by place.
+A reader declares the columns that it needs (`Column`); `read_columns` identifies them by name and
+unit, converts units, and refuses what it does not understand with file, row and column. Columns
+without headings are read in the declared order.
 """
 
 from __future__ import annotations
@@ -22,46 +22,47 @@ from meshtrace.units import convert, is_convertible, is_same, is_unit
 _GREEK = str.maketrans({"θ": "theta", "λ": "lambda", "ω": "omega", "η": "eta", "ζ": "zeta",
                         "β": "beta", "ψ": "psi"})  # fmt: skip
 _ARGUMENTS = frozenset(("f", "w", "omega", "lambda", "theta", "psi", "t", "x,t", "x"))
-"""Symbols in round brackets that are arguments, as in S(f), and no units."""
+"""Symbols that are arguments when they stand in round brackets, as in S(f), not units."""
 
-_LONGEST = 200  # characters of a heading
+_LONGEST = 200  # characters of a heading; longer ones are cut and not searched for a unit
 
 _IN_REMARKS = re.compile(
     r"\b(?:rad(?:ians?)?|deg(?:rees?)?|hz|hertz|mm|cm|ft|feet|inch(?:es)?|um|microns?|nm|"
     r"k?h?pa|d?m?bar|psi|ms)(?![^\W\d])|[µμ]m|%|\bper\s*cent",
     re.IGNORECASE,
 )
-"""Units that would change a column; other words of a remark are read as words."""
+"""Units in a remark (a comment) that readers look for; all others count as ordinary words."""
 
 PLAUSIBLE_NM = (100.0, 2e4)
-"""Range of wavelengths of light [nm]: smaller numbers are in um or m."""
+"""Range of numbers that may be wavelengths of light in nm; those in um or m are below it."""
 
 Floats = NDArray[np.float64]
 
 
 class Column(NamedTuple):
-    """Column that a subject needs.
+    """Column that a reader needs.
 
     Parameters
     ----------
     name : str
-        Name in the result, and the first name of a heading.
+        Name in the result, also accepted in headings.
     unit : str
         Wanted unit.
     aliases : tuple of str
-        Other names of headings.
+        Other names accepted in headings.
     units : mapping of str to str
-        Units of names that stand for another unit than the wanted one, where none is stated:
-        ``{"f": "Hz"}`` of a column of angular frequencies.
+        Units assumed for names that imply another unit than the wanted one, where a heading states
+        none: ``{"f": "Hz"}`` for a column of angular frequencies.
     required : bool
-        Whether the table has to have the column.
+        Whether the table must have the column.
     plausible : (float, float)
-        Least and largest value where no unit is stated: others are in another unit.
+        Smallest and largest value accepted where no unit is stated: values outside are probably in
+        another unit.
     numbered : bool
-        Whether a number or a letter may follow the name, as in "wg_1".
+        Whether numbers or a letter may follow the name, as in "wg_1" and "wg_a".
     relative : bool
-        Whether the scale of the values is without meaning: their unit is not converted, and they
-        may have any name if no other column is left.
+        Whether only ratios of the values matter, as in a phase function: their unit is not
+        converted, and a single column left over is taken under any name.
     """
 
     name: str
@@ -74,19 +75,22 @@ class Column(NamedTuple):
     relative: bool = False
 
     def is_named(self, name: str) -> bool:
-        """Return whether the name of a heading is that of this column."""
-        plain = re.sub(r"_?\(.*\)$", "", name)
+        """Return whether the name of a heading, as `normal` writes it, means this column."""
+        plain = re.sub(r"_?\(.*\)$", "", name)  # "s" of "s(f)"
         names = {plain, re.sub(r"(_?\d+|_[a-h])+$", "", plain)} if self.numbered else {plain}
         return not names.isdisjoint(map(normal, (self.name, *self.aliases, *self.units)))
 
     def __str__(self) -> str:
-        """Return name and unit as a heading has them."""
+        """Return name and unit as a heading would state them."""
         unit = "" if self.relative or self.unit == "1" else f" [{self.unit}]"
         return f"{self.name}{unit}{'' if self.required else ' (if any)'}"
 
 
 class Heading(NamedTuple):
-    """Text of a heading, the name in it in lower case, and its unit if it states one."""
+    """Text of a heading, the name in it as `normal` writes it, and its unit if it states one.
+
+    The name is "" if the heading is a unit alone, and "#" if the column only counts rows.
+    """
 
     text: str
     name: str
@@ -94,7 +98,7 @@ class Heading(NamedTuple):
 
 
 class Series(NamedTuple):
-    """Values of a column in its wanted unit, and the heading that they had, if any."""
+    """Values of a column in its wanted unit, and its heading, None without headings."""
 
     values: Floats
     heading: Heading | None
@@ -123,12 +127,12 @@ def read_columns(
     Returns
     -------
     dict of str to Series
-        By the names of the columns, those that are not there left out.
+        By the names of the columns, without optional ones that the table lacks.
 
     Raises
     ------
     Refused
-        If the table cannot be read, a heading is not understood, a column is missing or there
+        If the table cannot be read, a heading is not understood, a column is missing or occurs
         twice, a unit is of another kind, or a number is missing or not finite.
 
     Warns
@@ -154,22 +158,23 @@ def _converted(values: Floats, column: Column, heading: Heading | None, cells: C
     """Return values in the wanted unit of their column."""
     least, most = column.plausible
     ends = float(values.min()), float(values.max())
-    # a number without unit that is no light or no angle is in another unit
+    # numbers without unit that cannot be in the wanted one are in an unknown one
     if (heading is None or heading.unit is None) and not (least <= ends[0] and ends[1] <= most):
         problem = Described(f"{column.name} {ends[0]:g} ... {ends[1]:g} without unit")
         raise Refused(cells.name, problem, f"a heading with its unit, such as {column.name} [m]")
     if column.relative or heading is None:
         return values
-    usual = {normal(name): unit for name, unit in column.units.items()}.get(
+    assumed = {normal(name): unit for name, unit in column.units.items()}.get(
         re.sub(r"_?\(.*\)$", "", heading.name), column.unit
     )
-    unit = usual if heading.unit is None else heading.unit
+    unit = assumed if heading.unit is None else heading.unit
     where = f"{cells.name}: column {heading.text}"
-    usual_values = convert(values, unit, usual, where)
-    # a spectrum over frequency is converted by its reader, which knows the other column
-    if not is_convertible(usual, column.unit):
-        return usual_values
-    wanted = convert(usual_values, usual, column.unit, where)
+    intermediate = convert(values, unit, assumed, where)
+    # the assumed unit may be of another kind, as of a spectrum over frequency in place of angular
+    # frequency: its reader converts it together with the other column
+    if not is_convertible(assumed, column.unit):
+        return intermediate
+    wanted = convert(intermediate, assumed, column.unit, where)
     if not np.array_equal(wanted, values):
         cells.notes.append(f"{column.name} in {unit} converted to {column.unit}")
     return wanted
@@ -178,9 +183,10 @@ def _converted(values: Floats, column: Column, heading: Heading | None, cells: C
 def _matched(
     cells: Cells, headings: Sequence[Heading], columns: Sequence[Column]
 ) -> dict[str, int]:
-    """Return the places of the columns by their names."""
+    """Return the index of each column in the table, by its name."""
     wanted = f"columns {', '.join(map(str, columns))}"
     if not headings:
+        # all declared columns, or only the required ones, in the declared order
         width, needed = len(cells.columns), [c for c in columns if c.required]
         if width == len(columns):
             needed = list(columns)
@@ -197,53 +203,55 @@ def _matched(
                     twice = f"{headings[match[column.name]].text} and {heading.text}"
                     raise Refused(cells.name, Described(twice), f"one column {column}")
                 match[column.name] = index
-    # names first, then units: a unit alone is the weaker sign
-    left = [i for i in range(len(headings)) if i not in match.values() and headings[i].name != "#"]
+    # names first, then units: a unit alone may be that of any column
+    free = [i for i in range(len(headings)) if i not in match.values() and headings[i].name != "#"]
     for column in columns:
         if column.name in match:
             continue
-        alike = [c for c in columns if not c.relative and is_convertible(c.unit, column.unit)]
-        by_unit = [i for i in left if len(alike) == 1 and _is_of(headings[i], column)]
-        if column.relative and len(left) == 1:
-            by_unit = left
+        # by its unit alone only where no other column could have it
+        same_kind = [c for c in columns if not c.relative and is_convertible(c.unit, column.unit)]
+        by_unit = [i for i in free if len(same_kind) == 1 and _is_of(headings[i], column)]
+        if column.relative and len(free) == 1:
+            by_unit = free
         if len(by_unit) == 1 and (column.required or headings[by_unit[0]].name == ""):
             match[column.name] = by_unit[0]
-            left = [i for i in left if i != by_unit[0]]
-        elif column.required or by_unit or any(_is_like(headings[i], column) for i in left):
+            free = [i for i in free if i != by_unit[0]]
+        elif column.required or by_unit or any(_is_like(headings[i], column) for i in free):
             texts = Described(", ".join(h.text or "(none)" for h in headings))
             raise Refused(cells.name, texts, wanted)
     return match
 
 
 def _is_of(heading: Heading, column: Column) -> bool:
-    """Return whether a heading states the unit of a column; any unit of its kind if required."""
+    """Return whether a heading states a unit of a column: if it is optional, exactly the wanted."""
     if column.relative or column.unit == "1" or heading.unit is None:
         return False
-    kind = is_convertible if column.required else is_same
-    return kind(heading.unit, column.unit)
+    matches = is_convertible if column.required else is_same
+    return matches(heading.unit, column.unit)
 
 
 def _is_like(heading: Heading, column: Column) -> bool:
-    """Return whether the name of a heading contains one of a column that may be left out."""
+    """Return whether a heading may mean an optional column: it contains one of its long names.
+
+    Such a table is refused, rather than read without the column.
+    """
     names = (normal(name) for name in (column.name, *column.aliases))
     return heading.name == "" or any(len(n) > 3 and n in heading.name for n in names)
 
 
 def normal(name: str) -> str:
-    """Return a name in lower case, with underscores for spaces and points."""
+    """Return a name in lower case and Latin letters, with underscores for all separators."""
     text = name.translate(_GREEK).strip(" \t\"'$\\").replace("\\", "")
     return re.sub(r"[\s_.:\-]+", "_", text.lower()).strip("_")
 
 
 def headings_of(cells: Cells, columns: Sequence[Column]) -> list[Heading]:
-    """Return a heading for each column of a table, or none.
-
-    A column that only counts rows has the name "#".
+    """Return a heading for each column of a table, or an empty list if it has none.
 
     Raises
     ------
     Refused
-        If the headings are not as many as the columns, or a comment may be a heading but is not
+        If there are not as many headings as columns, or a comment may be a heading but is not
         understood.
     """
     if cells.labels:
@@ -252,22 +260,24 @@ def headings_of(cells: Cells, columns: Sequence[Column]) -> list[Heading]:
     width = len(cells.columns)
     if cells.heads:
         words = headings_in(cells.heads[0], cells)
+        # R writes a column of row numbers without a heading
         if len(words) == width - 1 and cells.counts(0):
             words.insert(0, "")
         if len(words) != width or len(cells.heads) > 2:
             problem = " / ".join(cells.heads)
             raise Refused(cells.name, Described(f"{problem} over {width} columns"), allowed)
         return _with_units(cells, words, cells.heads[1:], columns)
-    best, known = list[Heading](), 0
-    # of several comments the one that names most columns is the heading
+    best, most_names = list[Heading](), 0
+    # of several comments, the one with the most names and units of columns holds the headings
     for number, remark in enumerate(cells.remarks):
         words = headings_in(remark, cells)
         following = cells.remarks[number + 1 : number + 2]
         if len(words) == width == len(list(filter(None, words))):
             headings = _with_units(cells, words, following, columns)
-            count = sum(any(c.is_named(h.name) for c in columns) + bool(h.unit) for h in headings)
-            if count > known:
-                best, known = headings, count
+            names = sum(any(c.is_named(h.name) for c in columns) + bool(h.unit) for h in headings)
+            if names > most_names:
+                best, most_names = headings, names
+    # otherwise refuse remarks that may have been meant as headings, or that state another unit
     for remark in () if best else cells.remarks:
         words = headings_in(remark, cells)
         separated = len(words) == width > 1 and not any(map(reads_as_number, words))
@@ -277,12 +287,13 @@ def headings_of(cells: Cells, columns: Sequence[Column]) -> list[Heading]:
 
 
 def tells(remark: str, columns: Sequence[Column]) -> bool:
-    """Return whether a remark names a unit, and none of the columns has it."""
+    """Return whether a remark names a unit that would change the values of a column."""
     for unit in _IN_REMARKS.findall(remark):
         if unit == "%" or unit.lower().startswith("per"):
             if any(column.unit == "1" for column in columns):
                 return True
             continue
+        # as unit of an elevation spectrum, a quantity, a coefficient, a scattering function
         forms = (f"{unit}2 s rad-1", unit, f"1/{unit}", f"1/{unit} sr-1")
         factors = [
             float(convert(1.0, form, column.unit, ""))
@@ -290,21 +301,25 @@ def tells(remark: str, columns: Sequence[Column]) -> bool:
             for form in (forms[:1] if column.relative else forms)
             if is_convertible(form, column.unit)
         ]
-        lengths = any(column.unit == "m" for column in columns)
-        if (factors and 1.0 not in factors) or (lengths and is_convertible(unit, "Pa")):
+        has_lengths = any(column.unit == "m" for column in columns)
+        # pressure may have been recorded in place of a water level
+        if (factors and 1.0 not in factors) or (has_lengths and is_convertible(unit, "Pa")):
             return True
     return False
 
 
 def _with_units(
-    cells: Cells, words: Sequence[str], below: Sequence[str], columns: Sequence[Column]
+    cells: Cells, words: Sequence[str], lines_below: Sequence[str], columns: Sequence[Column]
 ) -> list[Heading]:
-    """Return the headings of words, with the units of the line below if it has some."""
+    """Return the headings of words, with units from the line below if it holds units.
+
+    A column that only counts rows gets the name "#".
+    """
     headings = [heading_of(word, columns) for word in words]
-    for line in below:
+    for line in lines_below:
         units = [u.strip("[](){} ") for u in headings_in(line, cells)]
-        known = [is_unit(unit) for unit in units]
-        if len(units) == len(words) and (all(known) or (line in cells.heads and any(known))):
+        valid = [is_unit(unit) for unit in units]
+        if len(units) == len(words) and (all(valid) or (line in cells.heads and any(valid))):
             for index, unit in enumerate(units):
                 stated = headings[index].unit
                 if unit and stated not in (None, unit):
@@ -314,7 +329,7 @@ def _with_units(
         elif line in cells.heads:
             raise Refused(cells.name, Described(line), f"a unit for each of {', '.join(words)}")
     for index, heading in enumerate(headings):
-        if heading.name in ("", "unnamed_0", "index") and heading.unit is None:
+        if heading.name in ("", "unnamed_0", "index") and heading.unit is None:  # as of pandas
             if cells.counts(index):
                 headings[index] = heading._replace(name="#")
                 cells.notes.append(f"column {index + 1}, which counts the rows, left out")
@@ -325,7 +340,7 @@ def _with_units(
 
 
 def heading_of(text: str, columns: Sequence[Column]) -> Heading:
-    """Return a heading: a name with a unit in brackets or behind the name, or one of both."""
+    """Return the heading that a text states: a name, a unit, or both ("a [1/m]", "a 1/m")."""
     plain = text.strip(" \t\"'")
     if len(plain) > _LONGEST:
         return Heading(text, plain[:_LONGEST])
@@ -334,19 +349,19 @@ def heading_of(text: str, columns: Sequence[Column]) -> Heading:
     match = re.fullmatch(r"(.*?)[\s_/:,;]*\(((?:[^()]|\([^()]*\))*)\)", plain)
     if match and match[2].translate(_GREEK).strip() not in _ARGUMENTS:
         return Heading(text, normal(match[1]), re.sub(r"^in\s+", "", match[2].strip()))
-    # a name with an underscore is no name with a unit
+    # the whole text is a known name: "a_total" is not "a" in units of "total"
     if any(column.is_named(normal(plain)) for column in columns):
         return Heading(text, normal(plain))
     for cut in re.finditer(r"[\s_/,:.]+(?:in\s+)?", plain):
         name, unit = normal(plain[: cut.start()]), plain[cut.end() :]
-        # underscores of names stand for products or quotients: omega_rad_s
-        for spelled in (unit.replace("_", " "), unit.replace("_", "/")):
-            if any(c.is_named(name) and _is_unit(spelled, c) for c in columns):
-                return Heading(text, name, spelled)
-    ratio = bool(re.search(r"[/%]|^percent$", plain))
-    if any(_is_unit(plain, column) for column in columns if ratio or not column.relative):
+        # an underscore in a unit stands for a product or a quotient: "rad/s" in omega_rad_s
+        for spelling in (unit.replace("_", " "), unit.replace("_", "/")):
+            if any(c.is_named(name) and _is_unit(spelling, c) for c in columns):
+                return Heading(text, name, spelling)
+    is_ratio = bool(re.search(r"[/%]|^percent$", plain))
+    if any(_is_unit(plain, column) for column in columns if is_ratio or not column.relative):
         return Heading(text, "", plain)
-    # of an unknown name, what is a unit without doubt
+    # an unknown name, followed by what cannot be anything but a unit
     match = re.fullmatch(r"(.*?)(?:\s+in\s+|/|[\s_]+(?=\S*[/%]|per\s?cent))(.+)", plain)
     if match and is_unit(match[2]) and re.search(r"[^\W\d_]|[%°]", match[2]):
         return Heading(text, normal(match[1]), match[2])
@@ -354,7 +369,7 @@ def heading_of(text: str, columns: Sequence[Column]) -> Heading:
 
 
 def _is_unit(text: str, column: Column) -> bool:
-    """Return whether a text is a unit of a column."""
+    """Return whether a text is a unit that a column may have."""
     if not re.match(r"1\s*/|[^\W\d_]|[%°]", text.strip()):
         return False
     if column.relative:
@@ -363,18 +378,18 @@ def _is_unit(text: str, column: Column) -> bool:
 
 
 def headings_in(line: str, cells: Cells) -> list[str]:
-    """Return the words of a line, by the separator of the columns or another one in the line."""
+    """Return the headings in a line, split by the separator of the columns or another one."""
     width = len(cells.columns)
-    order = dict.fromkeys((cells.separator, *SEPARATORS)) if cells.separator != " " else SEPARATORS
-    words = next((w for way in order if len(w := _bracketed(line, way)) > 1), [line.strip()])
+    tries = dict.fromkeys((cells.separator, *SEPARATORS)) if cells.separator != " " else SEPARATORS
+    words = next((w for sep in tries if len(w := _bracketed(line, sep)) > 1), [line.strip()])
     if len(words) == width + 1 and not words[-1]:
         words.pop()
-    apart = re.split(r"\s{2,}|\t", line.strip())  # names of several words
+    apart = re.split(r"\s{2,}|\t", line.strip())  # headings of several words, two spaces apart
     return apart if len(words) != width == len(apart) else words
 
 
 def _bracketed(line: str, separator: str) -> list[str]:
-    """Return the words of a line, each with the unit in brackets that follows it."""
+    """Return the words of a line, each joined with the unit in brackets that follows it."""
     if separator != " " or '"' in line:
         return split(line, separator)
     word, unit = r"[^\s\[\](){}]+(?:\([^()\s]*\))?", r"\[[^\[\]]*\]|\((?:[^()]|\([^()]*\))*\)"
@@ -382,7 +397,7 @@ def _bracketed(line: str, separator: str) -> list[str]:
 
 
 def text_table(lines: Iterable[Sequence[str]], headings: Sequence[str] = ()) -> str:
-    """Return lines of words as an aligned table of text, under headings if there are any.
+    """Return lines of words as an aligned table of text, with headings if there are any.
 
     Examples
     --------
@@ -396,7 +411,7 @@ def text_table(lines: Iterable[Sequence[str]], headings: Sequence[str] = ()) -> 
     from rich.console import Console
     from rich.table import Table
 
-    # columns two spaces apart; a rule below the headings
+    # a rule below the headings (rich draws it from the third of eight lines), and no other lines
     box = Box("    \n    \n ── \n    \n    \n    \n    \n    \n") if headings else None
     table = Table(*headings, box=box, show_header=bool(headings), padding=(0, 2, 0, 0))
     table.pad_edge, table.show_edge = False, False

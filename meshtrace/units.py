@@ -1,4 +1,4 @@
-"""Units of other people's files, converted by pint with the angle as a dimension of its own."""
+"""Units as files spell them, converted by pint with the angle as a dimension of its own."""
 
 from __future__ import annotations
 
@@ -13,32 +13,34 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.errors import Described, Refused
 
-_LONGEST = 80  # characters of a unit: no text of an honest file is longer
+_LONGEST = 80  # characters of a unit (tuned: longer than any in use)
 
 _DEFINITIONS = (
-    # SI counts radians as 1, which hides the 2 pi between densities per Hz and per rad/s, the 57.3
-    # between those per degree and per radian, and the difference of m-1 sr-1 from m-1
+    # pint follows SI, where a radian is 1. That hides the factor 2 pi between densities per Hz and
+    # per rad/s, the 57.3 between those per radian and per degree, and that m-1 sr-1 is not m-1
     "radian = [angle] = rad",
     "hertz = turn / second = Hz",
-    "dBar = decibar",
+    "dBar = decibar",  # as oceanographic instruments spell it
     "practical_salinity_unit = gram / kilogram = psu = PSU",
 )
 
-_SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-", "{}$\\")
-_SPELLINGS = (  # as files have them, and as pint reads them
+_SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-", "{}$\\")  # and without signs of TeX
+_SPELLINGS = (  # spelling in files, and what pint reads in its place
     (r"º|°", "deg"),
     (r"\bdeg(?:rees?)?[ _]*(?:c|celsius)\b", "degC"),
     (r"\bdeg(?:rees?|s)?[ _]*(?:true|t|north|n|east|e)?\b", "deg"),
     (r"\bhz\b", "Hz"),
     (r"\s+per\s+", "/"),
-    (r"[·⋅×∙]|(?<![\d.])\.|\.(?!\d)", " "),
+    (r"[·⋅×∙]|(?<![\d.])\.|\.(?!\d)", " "),  # signs of a product; other dots are decimal points
 )
+# an exponent of one digit, as in "^2", "**(-1)" and "-1"; a number and a product of units
 _POWER = r"\s*(?:\*\*|\^)?\s*\(?\s*([+-]?\d)\s*\)?"
 _UNIT = re.compile(
     r"(?:[\d.]+(?:e[+-]?\d{1,2})?(?![\w.]))?"
-    rf"(?:[\s*/()]|[^\W\d_][^\W\d]*+(?:{_POWER}(?![\w.]))?|%)*+"  # in linear time
+    rf"(?:[\s*/()]|[^\W\d_][^\W\d]*+(?:{_POWER}(?![\w.]))?|%)*+"  # possessive, for linear time
 )
 
+# by the wanted unit, for errors
 _KINDS = {
     "m": "length, such as m, cm or mm",
     "nm": "length, such as nm, um or m",
@@ -76,7 +78,7 @@ def convert(values: ArrayLike, unit: str, target: str, field: str) -> NDArray[np
         Values in `unit`, any shape.
     unit : str
         Unit as files spell it: "m2 s rad-1", "m^2/Hz", "cm2 s degree-1", "m² Hz⁻¹", "%", "degT";
-        "" and "1" are without unit.
+        "" and "1" for numbers without unit.
     target : str
         Wanted unit, in the same spellings.
     field : str
@@ -89,13 +91,13 @@ def convert(values: ArrayLike, unit: str, target: str, field: str) -> NDArray[np
     Raises
     ------
     Refused
-        If the unit is unknown or of another kind.
+        If the unit is unknown or does not convert to `target`.
 
     Notes
     -----
-    1 Hz = 2 pi rad/s, so that a density per Hz is 2 pi times that per rad/s. A bare "s" beside a
-    target in Hz is Hz-1 ("m2 s rad-1" is a density per Hz and radian, as SI allows), beside a
-    target in rad/s s rad-1.
+    1 Hz = 2 pi rad/s, so that a density per Hz is 2 pi times the density per rad/s. SI allows the
+    angle to be left out, and `target` decides what a bare "s" means: Hz-1 if the target has Hz
+    (then "m2 s rad-1" is a density per Hz and radian), s rad-1 if it has rad/s.
 
     Examples
     --------
@@ -107,24 +109,23 @@ def convert(values: ArrayLike, unit: str, target: str, field: str) -> NDArray[np
     array = np.asarray(values, np.float64)
     if _plain(unit) == _plain(target):
         return array
-    source, wanted = _quantity(unit, field, target), _quantity(target, field, target)
-    if angle := _left_out(source, wanted):
+    source, goal = _quantity(unit, field, target), _quantity(target, field, target)
+    if angle := _left_out(source, goal):
         source = source * angle
-    if source.dimensionality != wanted.dimensionality:
+    if source.dimensionality != goal.dimensionality:
         raise _refusal(field, unit, target)
-    if wanted.dimensionality == _registry().kelvin.dimensionality:  # has offsets
-        in_wanted = _registry().Quantity(array * source.m, source.u).m_as(wanted.u)
+    if goal.dimensionality == _registry().kelvin.dimensionality:  # deg C has an offset
+        in_wanted = _registry().Quantity(array * source.m, source.u).m_as(goal.u)
         return np.asarray(in_wanted, np.float64)
-    # a unit with an offset or of a logarithm maps 0 elsewhere: no factor converts it
+    # logarithmic units do not map 0 to 0: no factor converts them
     zero, factor = (
-        float(_registry().Quantity(value * source.m, source.u).m_as(wanted.u))
-        for value in (0.0, 1.0)
+        float(_registry().Quantity(value * source.m, source.u).m_as(goal.u)) for value in (0.0, 1.0)
     )
-    if zero != 0.0:  # decibels
+    if zero != 0.0:  # such as decibels
         raise _refusal(field, unit, target)
-    decimal = float(f"{factor:.12g}")  # 1000 rather than the product 999.9999999999999
-    exact = abs(decimal - factor) <= 4.0 * np.finfo(float).eps * factor
-    return array * (decimal if exact else factor)
+    rounded = float(f"{factor:.12g}")  # 1000 rather than the product 999.9999999999999
+    is_decimal = abs(rounded - factor) <= 4.0 * np.finfo(float).eps * factor
+    return array * (rounded if is_decimal else factor)
 
 
 @functools.lru_cache(maxsize=1024)
@@ -139,7 +140,7 @@ def is_unit(text: str) -> bool:
 
 @functools.lru_cache(maxsize=1024)
 def is_convertible(unit: str, target: str) -> bool:
-    """Return whether a text is a unit that converts to another one."""
+    """Return whether a text is a unit that `convert` can convert to another one."""
     try:
         convert(0.0, unit, target, "")
     except Refused:
@@ -148,12 +149,12 @@ def is_convertible(unit: str, target: str) -> bool:
 
 
 def unit_of(value: Any) -> str:
-    """Return the unit of a quantity (pint, astropy) or in the attributes of an array, "" if none.
+    """Return the unit of a quantity (pint, astropy) or in an array's attributes, "" if none.
 
     Parameters
     ----------
     value : object
-        Attributes are those of xarray and pandas: "units", or else "unit".
+        Of xarray and pandas, the attribute "units" counts, or else "unit".
     """
     quantity = _quantity_in(value)
     if quantity is not None:
@@ -175,10 +176,10 @@ def without_unit(value: Any) -> Any:
 
 
 def _quantity_in(value: Any) -> Any:
-    """Return the quantity that a value is, or that an array of xarray holds; None without one."""
-    for part in (value, getattr(value, "data", None)):
-        if not isinstance(part, type) and (hasattr(part, "m_as") or hasattr(part, "to_value")):
-            return part
+    """Return a quantity (pint, astropy), also from inside an array of xarray; None if neither."""
+    for held in (value, getattr(value, "data", None)):
+        if not isinstance(held, type) and (hasattr(held, "m_as") or hasattr(held, "to_value")):
+            return held
     return None
 
 
@@ -188,7 +189,7 @@ def _refusal(field: str, unit: str, target: str) -> Refused:
 
 
 def _plain(unit: str) -> str:
-    """Return a unit with the powers and products of pint."""
+    """Return a unit in the spelling that pint reads, "1" for none."""
     text = " ".join(unit.translate(_SUPERSCRIPTS).split())
     for spelling, replacement in _SPELLINGS:
         text = re.sub(spelling, replacement, text, flags=re.IGNORECASE)
@@ -200,14 +201,14 @@ def _plain(unit: str) -> str:
 def _quantity(unit: str, field: str, target: str) -> Any:
     """Return a unit as a quantity of pint, or refuse it."""
     text = _plain(unit)
-    # pint evaluates what it reads, powers of powers included
+    # pint evaluates expressions, even 9**9**9**9: only products of units are passed to it
     if len(text) > _LONGEST or not _UNIT.fullmatch(text):
         raise _refusal(field, unit, target)
     # words of three letters or more may begin with a capital: Metre, Rad
-    for spelled in (text, re.sub(r"[^\W\d_]{3,}", lambda word: word[0].lower(), text)):
+    for spelling in (text, re.sub(r"[^\W\d_]{3,}", lambda word: word[0].lower(), text)):
         try:
-            quantity: Any = _registry().Quantity(spelled)
-            quantity.dimensionality  # noqa: B018
+            quantity: Any = _registry().Quantity(spelling)
+            quantity.dimensionality  # noqa: B018  # raises an error if there is none
         except Exception:  # pint raises errors of the tokenizer and of arithmetic as well
             continue
         if np.isfinite(quantity.m) and quantity.m > 0.0:
@@ -216,24 +217,28 @@ def _quantity(unit: str, field: str, target: str) -> Any:
 
 
 def _left_out(source: Any, wanted: Any) -> Any:
-    """Return the power of the angle that a unit beside seconds leaves out; None if it has all."""
-    lacking = wanted.dimensionality / source.dimensionality
-    timed = "[time]" in wanted.dimensionality
-    if not timed or set(lacking) != {"[angle]"} or _cycles(source):
+    """Return the factor of angle that a unit with time leaves out, such as rad in "s-1" for rad/s.
+
+    None if the unit leaves out none, or not only that.
+    """
+    missing = wanted.dimensionality / source.dimensionality
+    has_time = "[time]" in wanted.dimensionality
+    # with cycles or Hz of its own, the source leaves out no angle of a frequency
+    if not has_time or set(missing) != {"[angle]"} or _cycles(source):
         return None
-    power, cycles = lacking["[angle]"], _cycles(wanted)
-    if cycles and power != cycles:  # "m2 s" without any direction
+    power, target_cycles = missing["[angle]"], _cycles(wanted)
+    if target_cycles and power != target_cycles:  # "m2 s" without any direction
         return None
-    return _registry().Quantity(1.0, "turn" if cycles else "rad") ** power
+    return _registry().Quantity(1.0, "turn" if target_cycles else "rad") ** power
 
 
 def is_same(unit: str, target: str) -> bool:
-    """Return whether values in a unit are those in another one."""
+    """Return whether two units are the same, in whatever spelling."""
     return is_convertible(unit, target) and float(convert(1.0, unit, target, "")) == 1.0
 
 
 def cycles(unit: str | None) -> float | None:
-    """Return the power of cycles in a unit, 0 for one in radians or degrees; None without angle."""
+    """Return the power of cycles in a unit: 0 if it has other angles, None if it has none."""
     if unit is None or not is_unit(unit):
         return None
     quantity = _quantity(unit, "", "")
@@ -241,6 +246,6 @@ def cycles(unit: str | None) -> float | None:
 
 
 def _cycles(quantity: Any) -> float:
-    """Return the power of Hz and of cycles in a unit."""
+    """Return the sum of the powers of Hz and of cycles in a quantity's unit."""
     names = ((str(name), power) for name, power in quantity.unit_items())
     return sum(power for name, power in names if name.endswith(("hertz", "turn")))

@@ -47,9 +47,9 @@ def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
     Returns
     -------
     pyvista.PolyData or pyvista.ImageData
-        Of a surface: triangles with elevation [m], slopes, and the exact normals at the
-        points. Of paths: lines with weight and the events at the points, photon and end of
-        each line. Of a map: cells with gain and its standard error in the plane of the
+        For a surface: triangles with elevation [m], slopes and the exact normals at the points.
+        For paths: lines with weight and events at the points, and with the photon and the final
+        event of each line. For a map: cells with gain and its standard error, at the height of the
         receiver.
 
     Raises
@@ -64,7 +64,7 @@ def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
     32
     """
     assert isinstance(source, TriangleMesh)
-    # a copy, since VTK shares the memory of arrays and scenes move points
+    # a copy, since VTK uses the memory of the array and scenes move points
     data = pv.PolyData.from_regular_faces(source.vertices.copy(), source.faces.astype(int))
     nx, ny, nz = source.vertex_normals.T
     data.point_data["elevation"] = source.vertices[:, 2]
@@ -79,9 +79,9 @@ def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
 def _(source: PhotonPaths) -> pv.PolyData:
     points, cells = source.polylines()
     data = pv.PolyData(points, lines=cells)
-    used = source.what >= 0
-    data.point_data["weight"] = source.weight[used]
-    data.point_data["what"] = source.what[used]
+    is_vertex = source.what >= 0  # paths of fewer vertices are padded with -1
+    data.point_data["weight"] = source.weight[is_vertex]
+    data.point_data["what"] = source.what[is_vertex]
     data.cell_data["photon"] = source.photon
     data.cell_data["final"] = source.final
     data.cell_data["received"] = source.received.astype(np.uint8)
@@ -93,12 +93,12 @@ def _(source: PhotonPaths) -> pv.PolyData:
 def _(source: CoverageMap) -> pv.ImageData:
     step = source.x[1] - source.x[0] if len(source.x) > 1 else 1.0
     data = pv.ImageData(
-        # values belong to cells, of which there is one fewer than lines along each axis
+        # a value belongs to a cell; the dimensions count the points, one more along each axis
         dimensions=(len(source.x) + 1, len(source.y) + 1, 1),
         spacing=(step, step, 1.0),
         origin=(source.x[0] - step / 2.0, source.y[0] - step / 2.0, _height(source)),
     )
-    # VTK counts along x first
+    # x varies fastest in VTK
     data.cell_data["gain"] = source.gain.ravel(order="F")
     data.cell_data["gain_stderr"] = source.gain_stderr.ravel(order="F")
     return data
@@ -116,7 +116,7 @@ def _height(source: CoverageMap) -> float:
 
 
 def require_suffix(path: str | Path, suffixes: Iterable[str], field: str = "path") -> Path:
-    """Return the path, checking its suffix."""
+    """Return a path, or refuse it if it does not end in one of the suffixes."""
     path = Path(path)
     if path.suffix not in suffixes:
         *others, last = suffixes
@@ -155,13 +155,13 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path)
     """
     data = to_pyvista(source)
     allowed = _SUFFIXES[type(data)]
-    # paths are lines, for which .ply and .stl have no place
+    # the formats .ply and .stl have no lines, which paths consist of
     path = require_suffix(path, allowed[:2] if isinstance(source, PhotonPaths) else allowed)
     if path.suffix == ".vtu":
         data = data.cast_to_unstructured_grid()
     with atomic(path) as temporary:
         if path.suffix in (".vtp", ".vtu", ".vti"):
-            # by a text: VTK does not tell of a disk that is full
+            # by way of a string: writing itself, VTK would not report a full disk
             writer = _XML[type(data)]()
             writer.SetInputData(data)
             writer.WriteToOutputStringOn()
@@ -223,7 +223,7 @@ def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 
         buffer = BytesIO()
         picture.savefig(buffer, format="png")
         drawn = Image.open(buffer).convert("RGB")
-        options = (drawn.quantize(n, dither=Image.Dither.NONE) for n in (256, 128, 64))
+        versions = (drawn.quantize(n, dither=Image.Dither.NONE) for n in (256, 128, 64))
     else:
         try:
             pixels = np.asarray(picture.screenshot(return_img=True))
@@ -231,9 +231,9 @@ def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 
             closed = Described("not rendered, or closed")
             raise Refused("picture", closed, "a plotter in use") from error
         shot = Image.fromarray(pixels)
-        options = (make(shot) for make in (lambda full: full, _in_palette))
+        versions = (make(shot) for make in (lambda full: full, _in_palette))
     with atomic(path) as temporary:
-        for image in options:
+        for image in versions:
             image.save(temporary, optimize=True)
             # smaller palettes are made only as long as the file is too large
             if temporary.stat().st_size <= largest:
@@ -243,34 +243,36 @@ def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 
 
 def _in_palette(shot: Image.Image) -> Image.Image:
     """Return a picture in 256 colours: 160 for gradients, where steps show, and 96 for the rest."""
+    # 160 and 96 are tuned: banding of the sky and water against false colours of symbols
     pixels, quantize = np.asarray(shot), cast(Any, Image.Quantize)
-    ends = (
+    extremes = (
         np.asarray(shot.filter(filter_of(5)))
         for filter_of in (ImageFilter.MaxFilter, ImageFilter.MinFilter)
     )
-    even = np.subtract(*ends).max(axis=2) <= _EVEN
-    shades = np.unique(pixels[even], axis=0)  # large areas have no more of them than small ones
-    chosen: list[int] = []
+    is_even = np.subtract(*extremes).max(axis=2) <= _EVEN
+    # each shade once, so that large areas do not get more colours than small ones
+    shades = np.unique(pixels[is_even], axis=0)
+    levels: list[int] = []
     for colors, n, method in (
         (shades, 160, quantize.MEDIANCUT),
-        (pixels[~even], 96, quantize.MAXCOVERAGE),
+        (pixels[~is_even], 96, quantize.MAXCOVERAGE),
     ):
         if len(colors):
-            part = Image.fromarray(colors[None]).quantize(n, method=method, kmeans=3)
-            chosen += (part.getpalette() or [])[: 3 * n]
+            image = Image.fromarray(colors[None]).quantize(n, method=method, kmeans=3)
+            levels += (image.getpalette() or [])[: 3 * n]
     palette = Image.new("P", (1, 1))
-    palette.putpalette(chosen)
+    palette.putpalette(levels)
     return shot.quantize(palette=palette, dither=Image.Dither.NONE)
 
 
 _EVEN = 6
-"""Largest difference of levels among 5 by 5 pixels of a gradient."""
+"""Largest difference of levels (of 256) within 5 by 5 pixels that count as a gradient (tuned)."""
 
 
 def surface_sampler(mesh: TriangleMesh) -> Callable[[ArrayLike], NDArray[np.float64]]:
-    """Return a function of places (n, 2) [m]: the elevation [m] of the facets, 0 outside."""
+    """Return a function from places (n, 2) [m] to the elevation (n,) [m] of facets, 0 outside."""
     flat = to_pyvista(mesh)
-    # sampled from above: places have no height
+    # facets and places are both moved to z = 0, where VTK locates the places
     flat.points = np.asarray(flat.points) * (1.0, 1.0, 0.0)
 
     def elevation(places: ArrayLike) -> NDArray[np.float64]:
@@ -292,7 +294,7 @@ def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -
     Parameters
     ----------
     plotter : ScenePlotter or pyvista.Plotter
-        Plotter or scene. Texts of a `ScenePlotter` face the present camera.
+        Plotter or scene. Texts of a `ScenePlotter` face the current camera.
     path : path
         File, .html.
     title : str
@@ -311,9 +313,9 @@ def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -
     path = require_suffix(path, (".html", ".htm"))
     page = _exported(plotter)
     head = Template(_HEAD).substitute(title=html.escape(title), ink=CHALK)
-    # by a function, since a title may hold what `re` takes for a group
+    # by a function, since `re` would take backslashes in a title for groups
     page = re.sub(r"<title>.*?</title>", lambda _: head, page, count=1)
-    # a page on its own must not load icons from the network
+    # a self-contained page must not load icons from the network
     page = re.sub(r"https://kitware\.github\.io/vtk-js/icon/[^`\"']*", "data:,", page)
     body = _about(plotter, title)
     page = page.replace("<body>", f"<body>\n{body}", 1).replace("</body>", f"{_LIGHTS}</body>")
@@ -323,7 +325,10 @@ def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -
 
 
 def _exported(plotter: pv.Plotter) -> str:
-    """Return the viewer page with the scene, texts as 3D letters, without colour bars."""
+    """Return the page of the viewer with the scene, with texts as 3D letters, without colour bars.
+
+    In place of the bars, `_about` has HTML.
+    """
     bars = list(plotter.scalar_bars.values())
     for bar in bars:
         bar.SetVisibility(False)
@@ -343,11 +348,11 @@ def _exported(plotter: pv.Plotter) -> str:
 def _packed(window: Any) -> bytes:
     """Return a render window as a zip file for the viewer.
 
-    The export of pyvista does the same but starts a web server.
+    This is what pyvista's `export_html` does, but without starting a web server.
     """
     serializers.initialize_serializers()
     context = serializers.SynchronizationContext()
-    context.set_ignore_last_dependencies(True)
+    context.set_ignore_last_dependencies(True)  # a complete state, not changes since the last one
     state = serializers.serialize(None, window, serializers.reference_id(window), context, 1)
     camera = window.GetRenderers().GetFirstRenderer().GetActiveCamera()
     state["extra"] = {
@@ -359,20 +364,21 @@ def _packed(window: Any) -> bytes:
         entry["hash"]: entry | {"content": context.get_cached_data_array(entry["hash"], False)}
         for entry in serializers.extract_array_hash(state)
     }
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as file:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("index.json", json.dumps({"hashes": arrays, "scene": state}))
-    return packed.getvalue()
+    return buffer.getvalue()
 
 
 def _letters(scene: ScenePlotter) -> pv.PolyData | None:
     """Return the texts of a scene as flat letters that face the camera."""
-    size, words = 0.021 * scene.stage.size, []
+    size, words = 0.021 * scene.stage.size, []  # [m] height of letters, tuned
     for point, text, align in scene.texts:
-        # the letters that VTK has as solids are those of ASCII
+        # VTK has letters as polygons for ASCII only
         word = pv.Text3D(text.replace("°", " deg"), depth=0.0)
         x0, x1 = word.bounds[:2]
         shift = {"left": -x0, "center": 0.0, "right": -x1}[align]
+        # the rows of the frame are right, up and towards the camera
         word.points = size * (word.points + np.array([shift, 0.0, 0.0])) @ scene.frame + point
         background = 255.0 * np.array(to_rgb(CHALK))
         word.point_data["tint"] = np.tile(background.astype(np.uint8), (word.n_points, 1))
@@ -383,26 +389,26 @@ def _letters(scene: ScenePlotter) -> pv.PolyData | None:
 def _about(plotter: pv.Plotter, title: str) -> str:
     """Return heading, caption, colour bars and key as HTML."""
     key: dict[str, str] = getattr(plotter, "key", {})
-    table_rows = "".join(
+    items = "".join(
         f'<li><i style="background:{color}"></i>{html.escape(label)}</li>'
         for label, color in key.items()
     )
     bars = "".join(_bar(name, bar) for name, bar in plotter.scalar_bars.items())
-    # the viewer empties its container: in a container of its own the rest stays
+    # the viewer empties its container, the element "content", and so leaves the rest
     return (
         '<div class="content"></div>'
         f'<div id="about"><h1>{html.escape(title)}</h1>'
         f"<p>{html.escape(getattr(plotter, 'caption', ''))}</p>"
         "<p>drag to turn, wheel to zoom, shift and drag to move</p>"
-        f"{bars}<ul>{table_rows}</ul></div>"
+        f"{bars}<ul>{items}</ul></div>"
     )
 
 
 def _bar(title: str, bar: Any) -> str:
     """Return a colour bar as HTML."""
-    table = bar.GetLookupTable()
-    low, high = table.GetRange()
-    shades = [to_hex(table.map_value(float(value))) for value in np.linspace(low, high, 12)]
+    colors = bar.GetLookupTable()
+    low, high = colors.GetRange()
+    shades = [to_hex(colors.map_value(float(value))) for value in np.linspace(low, high, 12)]
     gradient = f"linear-gradient(to right, {', '.join(shades)})"
     return (
         f"<p>{html.escape(' '.join(title.split()))}"

@@ -1,4 +1,4 @@
-"""Plots of variables over one dimension: media, wave spectra, sweeps, error rates of links."""
+"""Plots of curves over one dimension: media, wave spectra, sweeps, error rates of links."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from meshtrace.studies.performance import DepthSweep, LinkPerformance
 from .marks import along, axes, curves, finished, lines, note, variable
 from .style import INK, label_of, verbatim
 
-_LEAST_BUBBLES = 1e-6  # of the densest layer, down to which the axis shows bubbles
+_LEAST_BUBBLES = 1e-6  # lower end of the axis (tuned), relative to the densest layer
 
 BER_SHOWN = (1e-9, 1.0)
-"""Limits of the axis of error rates."""
+"""Limits of the axis of error rates (tuned)."""
 
 
 def plot_curves(
@@ -33,9 +33,9 @@ def plot_curves(
     Parameters
     ----------
     data : xarray.Dataset
-        With `quantity` of one or two dimensions; the coordinate of the first of two names the
-        curves. Limits `quantity` + "_low" and "_high", or two standard errors "_stderr" where
-        there are any, are drawn as bands, those of markers without a line as bars.
+        With `quantity` over one or two dimensions; the coordinate of the first of two names the
+        curves. Limits `quantity` + "_low" and "_high", or else two standard errors "_stderr", are
+        drawn as bands of lines and as bars of markers without a line.
     quantity : str
         Name of the variable; registered names (`meshtrace.fields`) set the labels of the axes.
     style : str
@@ -82,7 +82,7 @@ def plot_phase_cdf(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
 def plot_bubble_profile(
     data: xr.Dataset, *, quantity: str = "b_bub", ax: Axes | None = None
 ) -> Axes:
-    """Plot `b_bub` or `n_bubbles` over `depth` [m], which points down; see `plot_curves`."""
+    """Plot `b_bub` or `n_bubbles` along the abscissa, and `depth` [m] downwards as ordinate."""
     z, _ = along(data, quantity)
     ax = axes(ax)
     most = float(data[quantity].max())
@@ -123,7 +123,7 @@ def plot_water(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
 
 
 def plot_wavelengths(result: ByWavelength[Any], *, ax: Axes | None = None) -> Axes:
-    """Plot the results of several wavelengths: gain, mean gain (of a map too), radiance or margin.
+    """Plot results at several wavelengths: gain, mean gain (also of a map), radiance or margin.
 
     Parameters
     ----------
@@ -136,18 +136,19 @@ def plot_wavelengths(result: ByWavelength[Any], *, ax: Axes | None = None) -> Ax
     Returns
     -------
     Axes
-        A curve for each receiver, with two standard errors, or the confidence interval of margins.
+        With a curve for each receiver and bands of two standard errors, of margins with their
+        confidence intervals.
 
     Raises
     ------
     Refused
-        If there is no plot of results of this kind.
+        If results of this kind cannot be plotted.
     """
     kind = result.results[0].kind
     if kind not in _OVER_WAVELENGTH:
         raise Refused("result", Described(f"of kind {kind}"), ", ".join(_OVER_WAVELENGTH))
-    name, number = _OVER_WAVELENGTH[kind]
-    values = np.array([number(result_at) for _, result_at in result])  # (wavelengths, 3, receivers)
+    name, triple = _OVER_WAVELENGTH[kind]
+    values = np.array([triple(result_at) for _, result_at in result])  # (wavelengths, 3, receivers)
     nm = ("wavelength_nm", result.wavelength_nm, attrs("wavelength_nm"))
     receivers = [f"receiver {r}" for r in range(values.shape[2])]
     data = xr.Dataset(coords={"wavelength_nm": nm, "receiver": receivers})
@@ -159,11 +160,12 @@ def plot_wavelengths(result: ByWavelength[Any], *, ax: Axes | None = None) -> Ax
 
 
 def _with_errors(values: Any, errors: Any) -> list[Any]:
-    """Return values with their limits at two standard errors."""
+    """Return (values, low, high) with limits at two standard errors, each of shape (n,)."""
     values, errors = np.atleast_1d(values), np.atleast_1d(errors)
     return [values, values - 2.0 * errors, values + 2.0 * errors]
 
 
+# the errors of the pixels of a map are taken as independent: those of their sum add in squares
 _OVER_WAVELENGTH: dict[str, tuple[str, Callable[[Any], list[Any]]]] = {
     "gain": ("gain", lambda r: _with_errors(r.gains, r.stderrs)),
     "series": ("gain", lambda r: _with_errors(r.gains.mean(axis=0), r.mean_stderrs)),
@@ -174,7 +176,7 @@ _OVER_WAVELENGTH: dict[str, tuple[str, Callable[[Any], list[Any]]]] = {
     "background": ("radiance", lambda r: _with_errors(r.radiance, r.radiance_stderr)),
     "performance": ("margin_optical_db", lambda r: [[x] for x in r.at().margin_optical_db]),
 }
-"""Variable of the results of each kind, and its values with their limits."""
+"""By the kind of the results: the variable, and a function of a result to (values, low, high)."""
 
 
 def plot_spectrum(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
@@ -183,28 +185,28 @@ def plot_spectrum(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
 
 
 def plot_spreading(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot directional spreadings `spreading` over `theta` [rad] off the wind."""
+    """Plot `spreading`, the density over direction `theta` [rad] from that of the wind."""
     ax = plot_curves(data, "spreading", ax=ax)
     label = r"directional spreading $D(\theta)$ [rad$^{-1}$]"
-    off = r"direction off the wind $\theta$ [°]"
-    return finished(ax, xlabel=off, ylabel=label, ylim=(0.0, None))
+    xlabel = r"direction off the wind $\theta$ [°]"
+    return finished(ax, xlabel=xlabel, ylabel=label, ylim=(0.0, None))
 
 
 def plot_sweep(
     data: xr.Dataset, *, quantity: str = "gain", log: bool = True, ax: Axes | None = None
 ) -> Axes:
-    """Plot a quantity of a sweep over a parameter, one curve for each point of the others.
+    """Plot a quantity of a sweep over one parameter, with a curve for each choice of the others.
 
     Parameters
     ----------
     data : xarray.Dataset
-        Of `sweep`, or any with `quantity` over parameters. Gains over several realizations are
-        drawn as means with standard errors from their scatter. The abscissa is the last parameter
-        of several numbers, or the last one.
+        As returned by `sweep`, or any with `quantity` over parameters. Gains of several
+        realizations are drawn as means with standard errors from their scatter. The abscissa is
+        the last parameter with more than one value, preferably of numbers.
     quantity : str
         Name of the variable.
     log : bool
-        Logarithmic ordinate.
+        Whether the ordinate is logarithmic.
     ax : matplotlib Axes, optional
         Axes to draw on.
 
@@ -213,18 +215,19 @@ def plot_sweep(
     Axes
     """
     if quantity not in data or not data[quantity].ndim or data[quantity].dtype.kind not in "biuf":
-        return plot_curves(data, quantity, ax=ax)  # refuses it
+        return plot_curves(data, quantity, ax=ax)  # which refuses it by name
     shown, parameters = _over_parameters(data, quantity)
     name = str(shown[quantity].dims[-1])
     words = shown[name].to_numpy() if shown[name].dtype.kind not in "iuf" else None
     if words is not None:
-        # words stand at whole numbers, in their order
+        # words are drawn at 0, 1, 2 ... in their order
         shown = shown.assign_coords({name: np.arange(len(words))})
     ax = plot_curves(positive(shown, quantity) if log else shown, quantity, style="o-", ax=ax)
     if words is not None:
         ax.set_xticks(np.arange(len(words)), words)
         ax.set_xlabel(verbatim(name))
-    if any("." in name or name in FIELDS for name in parameters):  # others have names as values
+    # values of fields ("water.a") and variables need the name; others are names themselves
+    if any("." in name or name in FIELDS for name in parameters):
         ax.get_legend().set_title("\n".join(map(label_of, parameters)))  # type: ignore[union-attr]
     if quantity == "ber":
         error_rates(ax, shown, 1e-3)
@@ -234,7 +237,7 @@ def plot_sweep(
 
 
 def _over_parameters(data: xr.Dataset, quantity: str) -> tuple[xr.Dataset, list[str]]:
-    """Return a variable over one parameter, curve by curve, and the parameters of the curves.
+    """Return a variable (curve, abscissa), and the parameters in which the curves differ.
 
     It is averaged over realizations.
     """
@@ -249,50 +252,50 @@ def _over_parameters(data: xr.Dataset, quantity: str) -> tuple[xr.Dataset, list[
         selected = selected.squeeze("realization", drop=True)
     dims = [str(name) for name in selected[quantity].dims]
 
-    def use(name: str) -> tuple[bool, bool]:
+    def preference(name: str) -> tuple[bool, bool]:
         return selected.sizes[name] > 1, selected[name].dtype.kind in "iuf"
 
-    # of equals `max` takes the first: reversed, the last parameter
-    last = max(reversed(dims), key=use)
-    others = [name for name in dims if name != last and selected.sizes[name] > 1]
-    selected = selected.squeeze([n for n in dims if n not in (last, *others)], drop=True)
+    # the last parameter of those equally preferred, since `max` returns the first of them
+    abscissa = max(reversed(dims), key=preference)
+    others = [name for name in dims if name != abscissa and selected.sizes[name] > 1]
+    selected = selected.squeeze([n for n in dims if n not in (abscissa, *others)], drop=True)
     if not others:
         return selected, []
     names = [
         ", ".join(f"{v:g}" if isinstance(v, float) else str(v) for v in point)
         for point in itertools.product(*(selected[name].to_numpy().tolist() for name in others))
     ]
-    stacked = selected.transpose(*others, last).stack(curve=others, create_index=False)
-    return stacked.transpose("curve", last).assign_coords(curve=names), others
+    stacked = selected.transpose(*others, abscissa).stack(curve=others, create_index=False)
+    return stacked.transpose("curve", abscissa).assign_coords(curve=names), others
 
 
 def plot_ber(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot bit error rates `ber`, logarithmic, over any dimension; see `plot_curves`.
+    """Plot bit error rates `ber` on a logarithmic axis over any dimension; see `plot_curves`.
 
-    A `received_power` [W] is shown in dBm; the dashed line is 1e-3, triangles are lower rates than
-    the axis has.
+    A `received_power` [W] is shown in dBm. The dashed line is at 1e-3; triangles stand for rates
+    below the axis.
     """
     ax = plot_curves(positive(data, "ber"), "ber", ax=ax)
     return error_rates(ax, data, 1e-3)
 
 
 def error_rates(ax: Axes, data: xr.Dataset, limit: float) -> Axes:
-    """Set the axis of plotted error rates `ber`, with a line at a limit.
+    """Set the axis of plotted error rates `ber`, and draw a line at a limit.
 
-    Rates below the axis, where whole curves may be, are triangles at its end; a line without
-    markers of which a part is shown has none.
+    Rates below the axis become triangles at its lower end. A line without markers gets them only
+    if all of it is below: otherwise it is seen to leave the axis.
     """
-    x, (least, _), marked = along(data, "ber")[0], BER_SHOWN, False
+    x, (least, _), has_markers = along(data, "ber")[0], BER_SHOWN, False
     for line, (_, values, _, _) in zip(list(ax.get_lines()), curves(data, "ber"), strict=False):
-        below = np.asarray(values < least)
-        if line.get_marker() == "None" and not below.all():
+        is_below = np.asarray(values < least)
+        if line.get_marker() == "None" and not is_below.all():
             continue
-        low, marked = x[below], marked or bool(below.any())
-        ax.plot(low, np.full(len(low), least), "v", color=line.get_color(), ms=5, clip_on=False)
-    if marked:
+        x_low, has_markers = x[is_below], has_markers or bool(is_below.any())
+        ax.plot(x_low, np.full(len(x_low), least), "v", color=line.get_color(), ms=5, clip_on=False)
+    if has_markers:
         ax.plot([], [], "v", color=INK, ms=5, label="below 1e-9")
     ax.axhline(limit, color=INK, lw=0.8, ls="--")
-    return finished(ax, legend=marked, yscale="log", ylim=BER_SHOWN)
+    return finished(ax, legend=has_markers, yscale="log", ylim=BER_SHOWN)
 
 
 def plot_performance(
@@ -300,17 +303,17 @@ def plot_performance(
 ) -> Axes:
     """Plot a quantity of a link over depth with its confidence band, one curve for each bit rate.
 
-    A link of one depth is drawn over the bit rates.
+    At a single depth, the abscissa is the bit rate.
 
     Parameters
     ----------
     performance : LinkPerformance
-        Of `link_performance`.
+        As returned by `link_performance`.
     quantity : str
-        "ber", "outage", "received_power", "gain" or another estimate of it.
+        "ber", "outage", "received_power", "gain" or another estimate in it.
     ax : matplotlib Axes, optional
-        Axes to draw on. The light is written above, the status of the
-        calibration below.
+        Axes to draw on. The background light is written above them, the status of the calibration
+        below.
 
     Returns
     -------
@@ -328,15 +331,15 @@ def plot_performance(
         light_name = verbatim(name_of_light(performance.light))
         band = f"n = {seas} seas, band: {100.0 * performance.confidence:g} %"
         note(ax, f"{band}, background light: {light_name}")
-    below = performance.status, (0.0, -0.17)
-    ax.annotate(*below, xycoords="axes fraction", fontsize=7.5, va="top", wrap=True)
+    caption = performance.status, (0.0, -0.17)
+    ax.annotate(*caption, xycoords="axes fraction", fontsize=7.5, va="top", wrap=True)
     return ax
 
 
 def plot_winds(result: DepthSweep, *, ax: Axes | None = None) -> Axes:
-    """Plot the bit error rate over depth, one curve for each wind, of the first bit rate.
+    """Plot the bit error rate at the first bit rate over depth, one curve for each wind speed.
 
-    At one depth it is drawn over wind, one curve for each bit rate.
+    At a single depth, the abscissa is the wind speed, with one curve for each bit rate.
     """
     data, first = result.to_dataset(), result.performances[0]
     title = f"background light: {verbatim(name_of_light(first.light))}"
@@ -353,16 +356,16 @@ def plot_winds(result: DepthSweep, *, ax: Axes | None = None) -> Axes:
 
 
 def _by_rate(data: xr.Dataset) -> xr.Dataset:
-    """Return a dataset with curves named by bit rate, or over the bit rate at a single depth."""
+    """Return a dataset with curves named by bit rate; at a single depth, without that dimension."""
     if data.sizes.get("depth") == 1:
         return data.isel(depth=0, drop=True)
     return data.assign_coords(bit_rate=[f"{r / 1e6:g} Mbit/s" for r in data["bit_rate"].values])
 
 
 def positive(data: xr.Dataset, quantity: str) -> xr.Dataset:
-    """Return a dataset for a logarithmic axis: nan for 0; a lower limit of 0 is below the axis."""
+    """Return a dataset for a logarithmic axis: values of 0 become nan, lower limits of 0 tiny."""
     values = variable(data, quantity)
     shown = data.assign({quantity: values.where(values > 0.0)})
-    # a band may reach beyond the axis, but 0 has no logarithm
+    # a band down to 0 reaches below the axis, but must have a logarithm
     low = f"{quantity}_low"
     return shown.assign({low: data[low].clip(min=1e-300)}) if low in data else shown

@@ -125,7 +125,7 @@ def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None)
 
 
 def plot_series(series: GainSeries, *, ax: Axes | None = None) -> Axes:
-    """Plot a series over time; of an ensemble with one receiver the density of the gains."""
+    """Plot a series over time, or the density of the gains of an ensemble with one receiver."""
     if series.along == "time" or series.gain.ndim > 1:
         return plot_gain_series(series, ax=ax)
     try:
@@ -222,7 +222,7 @@ def plot_gain_cdf(
     n_effective: float | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot the distribution function of the gain, logarithmic, with a 95 % band and fitted laws.
+    """Plot the logarithmic distribution function of the gain with a 95 % band and fitted laws.
 
     Parameters
     ----------
@@ -384,7 +384,7 @@ def plot_impulse_response(
     decades: float = 5.0,
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot impulse responses, logarithmic, with bands of two standard errors.
+    """Plot impulse responses on a logarithmic axis, with bands of two standard errors.
 
     A response ends at the first bin after its peak with a standard error beyond 40 % of its value:
     few photons reach such bins.

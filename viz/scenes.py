@@ -99,7 +99,7 @@ class SceneStyle(Model, frozen=True):
 
 
 class Shown(TypedDict, total=False):
-    """Light and appearance of a scene, keywords of `scene` that movies and views take, too."""
+    """Light and appearance of a scene: keywords shared by `scene`, movies and views."""
 
     paths: PhotonPaths | int | None
     received: PhotonPaths | int | None

@@ -1,4 +1,7 @@
-"""The stage of a scene: the box of sea that is shown, its scale, camera and lights."""
+"""Stage of a scene: the box of sea and air that is shown, its scale, camera and lights.
+
+Places are (x, y, z) [m], z up from still water. The numbers of the layout are tuned by eye.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +27,15 @@ from meshtrace.results.series import CoverageMap
 from .style import CHALK, DUSK, FONT_FILE, NIGHT, PALETTE, SLIDE
 
 VIEW_ANGLE_DEG = 24.0
+"""Full vertical angle of view of the camera [deg] (tuned: little perspective)."""
 
 ROOM = ((-0.88, 0.72), (-0.7, 0.93))
 """Place of the stage in the window, -1 to 1 across and up: bars beside it, texts below."""
 
-_FLAT = 0.2  # height over width of a stage that has neither ruler nor depth
+_FLAT = 0.2  # largest height over width of a stage without ruler, seen from further above
 
 FROM_FILE = 4
-"""VTK_FONT_FILE."""
+"""Value of VTK_FONT_FILE: text in the font of a file."""
 
 Side = Literal["left", "center", "right"]
 
@@ -52,7 +56,7 @@ class Stage(NamedTuple):
 
     @property
     def size(self) -> float:
-        """Longest edge [m], to which symbols are scaled."""
+        """Length [m] of the longest edge, to which symbols are scaled."""
         return max(2.0 * self.half, self.top - self.bottom)
 
     @property
@@ -78,29 +82,31 @@ class Stage(NamedTuple):
 
 
 def stage_of(link: Link | None, surface: MeshSource | TriangleMesh, extent: float | None) -> Stage:
-    """Return a box around sources, receivers and the surface between them.
+    """Return a box around the sources, the receivers and the surface between them.
 
-    Without a link it is that of the mesh, or `SEA_EXTENT` of a sea. `extent` [m] replaces its
-    half-width, and makes a close-up of the surface where it is smaller than depth or height.
+    Without a link it is the box around a mesh, or that of `SEA_EXTENT` for a sea. `extent` [m]
+    replaces the half-width. Where it is smaller than depth or height, it limits these, too: a
+    close-up of the surface.
     """
     if link is None:
         if not isinstance(surface, TriangleMesh):
             half = extent or SEA_EXTENT
-            # the highest crests of a sea of 13 m/s, 3 m, and of a close-up of its short waves
+            # tuned: room for the highest crests (3 m) of a sea in a wind of 13 m/s, and for the
+            # short waves in a close-up of it
             return Stage((0.0, 0.0), half, -0.2 * half, 0.2 * half)
         (x0, y0, low), (x1, y1, high) = surface.bounds.tolist()
         half = 0.5 * max(x1 - x0, y1 - y0)
         center = (0.5 * (x0 + x1), 0.5 * (y0 + y1))
         return Stage(center, extent or half, low - 0.1 * half, high + 0.1 * half)
-    items: tuple[Source | Aperture, ...] = (*link.transmitters, *link.receivers)
-    places = np.array([item.position for item in items])
-    west, east = places.min(axis=0), places.max(axis=0)
-    bottom = -max((getattr(item, "depth", 0.0) for item in items), default=0.0)
-    top = max((getattr(item, "height", 0.0) for item in items), default=0.0)
-    tall = max(top - bottom, 1.0)
-    x, y = (0.5 * (west + east)).tolist()
-    half = 0.5 * float((east - west).max()) + 0.62 * tall
-    bottom, top = bottom - 0.04 * tall, top + 0.08 * tall
+    ends: tuple[Source | Aperture, ...] = (*link.transmitters, *link.receivers)
+    positions = np.array([item.position for item in ends])
+    least, most = positions.min(axis=0), positions.max(axis=0)
+    bottom = -max((getattr(item, "depth", 0.0) for item in ends), default=0.0)
+    top = max((getattr(item, "height", 0.0) for item in ends), default=0.0)
+    height = max(top - bottom, 1.0)  # of the box [m], which sets the margins
+    x, y = (0.5 * (least + most)).tolist()
+    half = 0.5 * float((most - least).max()) + 0.62 * height
+    bottom, top = bottom - 0.04 * height, top + 0.08 * height
     if extent is None:
         return Stage((x, y), half, bottom, top)
     return Stage((x, y), extent, max(bottom, -extent), min(top, extent))
@@ -125,20 +131,20 @@ class ScenePlotter(pv.Plotter):
     key : dict of str to str
         Meaning of the colours, for the legend and the web page.
     texts : list of (ndarray, str, str)
-        Points [m] with their texts and sides, for the web page.
+        Points [m] with their texts and alignments, for the web page.
     caption : str
         Line that states link, sea and gain.
     shown : dict of str to TriangleMesh, PhotonPaths or CoverageMap
         Parts of the scene, for `export_scene`.
     shade : callable or None
-        Renews the colours of the water after a move of the camera.
+        Function that updates the colours of the water after a move of the camera.
     """
 
     def __init__(
         self, stage: Stage, *, off_screen: bool | None = None, window_size: tuple[int, int] = SLIDE
     ) -> None:
         with pv.vtk_verbosity("off"):
-            # without a display VTK says so, then renders all the same
+            # without a display VTK complains, but renders nonetheless
             super().__init__(off_screen=off_screen, window_size=list(window_size), lighting="none")
         self.stage = stage
         self.key: dict[str, str] = {}
@@ -148,7 +154,7 @@ class ScenePlotter(pv.Plotter):
         self.shade: Callable[[], None] | None = None
         self.set_background(NIGHT, top=DUSK)  # type: ignore[arg-type]
         self.enable_anti_aliasing("ssaa")
-        # a low sun behind the waves for glint, and light from above and from the front
+        # a low sun behind the waves for glint, light from above, and light from the camera
         low_sun = pv.Light(position=(0.6, 1.0, 0.55), light_type="scene light", intensity=0.75)
         above = pv.Light(position=(-0.5, -0.4, 1.0), light_type="scene light", intensity=0.45)
         for lamp in (low_sun, above, pv.Light(light_type="headlight", intensity=0.35)):
@@ -158,7 +164,7 @@ class ScenePlotter(pv.Plotter):
         look(self)
 
     def wipe(self) -> None:
-        """Remove all parts; camera and lights stay."""
+        """Remove all parts, but not the camera and the lights."""
         self.clear_actors()
         self.shade = None
         for drawn in (self.scalar_bars, self.key, self.texts, self.shown):
@@ -169,7 +175,7 @@ class ScenePlotter(pv.Plotter):
         """Unit vectors to the right, up and towards the camera, as rows."""
         # VTK's direction is that of the view, away from the camera
         towards = -np.array(self.camera.direction)
-        right = np.cross(Z, towards)
+        right = np.cross(Z, towards)  # of length 0 if the camera looks straight down
         right /= max(np.linalg.norm(right), 1e-12)
         return np.stack([right, np.cross(towards, right), towards])
 
@@ -179,7 +185,7 @@ class ScenePlotter(pv.Plotter):
         return round(min(0.015 * self.window_size[0], 0.024 * self.window_size[1]))
 
     def write(self, text: str, left: float, bottom: float, color: str) -> None:
-        """Write a text at a place in the window, of 1 by 1."""
+        """Write a text at a place in the window, 0 ... 1 from the left and from below."""
         self.add_text(
             text, position=(left, bottom), viewport=True, color=color, font_file=FONT_FILE,
             font_size=round(0.5 * self.font_size),
@@ -188,9 +194,9 @@ class ScenePlotter(pv.Plotter):
     def add_tinted(
         self, part: pv.DataSet, color: Any, alpha: ArrayLike, clipped: bool = False, **look: Any
     ) -> None:
-        """Draw a part without shading, in colours and opacities of its points, 0 ... 1.
+        """Draw a part without shading, in the colours and opacities (0 ... 1) of its points.
 
-        If it is clipped, it ends at the sides of the stage.
+        If `clipped`, only what lies on the stage is drawn.
         """
         rgb = np.broadcast_to(
             to_rgb(color) if isinstance(color, str) else color, (part.n_points, 3)
@@ -202,7 +208,7 @@ class ScenePlotter(pv.Plotter):
             self.add_mesh(part, scalars="tint", rgb=True, lighting=False, **look)
 
     def bar(self, title: str) -> Any:
-        """Return the options of a colour bar, in the next place along the right edge."""
+        """Return pyvista's options of a colour bar at the next free place along the right edge."""
         place = len(self.scalar_bars)
         return {
             "title": "\n".join(textwrap.wrap(title, 14)),
@@ -222,9 +228,9 @@ class ScenePlotter(pv.Plotter):
     def add_scalar_bar(self, *args: Any, **options: Any) -> Any:  # type: ignore[override]
         """Add a colour bar as pyvista does, in the font of all other texts."""
         bar = super().add_scalar_bar(*args, **options)
-        if bar is None:  # pyvista warns that it has no place for more
+        if bar is None:  # pyvista has warned that there is no room for more
             return bar
-        # as all texts, in a font that has degrees and Greek letters
+        # a font that has degrees and Greek letters
         for text in (bar.GetTitleTextProperty(), bar.GetLabelTextProperty()):
             text.SetFontFamily(FROM_FILE)
             text.SetFontFile(FONT_FILE)
@@ -235,28 +241,31 @@ class ScenePlotter(pv.Plotter):
 def look(
     scene: ScenePlotter, azimuth_deg: float = -68.0, elevation_deg: float | None = None
 ) -> ScenePlotter:
-    """Point the camera at the stage from an azimuth and elevation; the stage fills the window.
+    """Point the camera at the stage from an azimuth and elevation, so that it fills its `ROOM`.
 
-    By default 15 degrees above the horizon, low enough to show the surface from above and the water
-    below its near edge; 30 degrees for a stage as flat as a wide sea.
+    The azimuth is that of the camera seen from the stage, from x towards y. The default elevation
+    is 15 degrees, low enough to show the surface from above and the water below its near edge, or
+    30 degrees for a flat stage such as a wide sea.
     """
     if elevation_deg is None:
         low, high = scene.stage.bottom, scene.stage.top
         elevation_deg = 15.0 if high - low > _FLAT * scene.stage.size else 30.0
     azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
-    x, y, across = math.cos(azimuth), math.sin(azimuth), math.cos(elevation)
-    towards, right = np.array([x * across, y * across, math.sin(elevation)]), np.array([-y, x, 0.0])
+    x, y, level = math.cos(azimuth), math.sin(azimuth), math.cos(elevation)
+    towards, right = np.array([x * level, y * level, math.sin(elevation)]), np.array([-y, x, 0.0])
     up, corners = np.cross(towards, right), scene.stage.corners
     half_angle = math.radians(0.5 * VIEW_ANGLE_DEG)
     focus, distance = corners.mean(axis=0), 4.0 * scene.stage.size
     aspect = scene.window_size[0] / scene.window_size[1]
-    for _ in range(20):  # a fixed point: perspective makes near corners stand further out
-        depth = (distance - (corners - focus) @ towards) * math.tan(half_angle)
+    # fixed point (tuned: 20 steps): how far perspective moves near corners depends on the distance
+    for _ in range(20):
+        half_view = (distance - (corners - focus) @ towards) * math.tan(half_angle)
         spans = []
         for axis, (low, high), scale in ((right, ROOM[0], aspect), (up, ROOM[1], 1.0)):
-            seen = (corners - focus) @ axis / (depth * scale)
-            spans.append((seen.max() - seen.min()) / (high - low))
-            shift = 0.5 * (seen.max() + seen.min()) - 0.5 * (low + high) * spans[-1]
+            # places in the window, from -1 to 1
+            spots = (corners - focus) @ axis / (half_view * scale)
+            spans.append((spots.max() - spots.min()) / (high - low))
+            shift = 0.5 * (spots.max() + spots.min()) - 0.5 * (low + high) * spans[-1]
             focus = focus + shift * distance * math.tan(half_angle) * scale * axis
         # the stage fills the tighter of both directions
         distance *= max(spans)
@@ -272,55 +281,56 @@ def look(
 
 
 def add_scale(scene: ScenePlotter) -> ScenePlotter:
-    """Draw a ruler of z next to the stage and a bar of round length in front of it.
+    """Draw a ruler of z beside the stage, and a scale bar of round length in front of it.
 
-    The ruler stands as far from the camera as the middle of the stage: there a lamp and the mark
-    of its depth are level in the picture. A stage as flat as a wide sea has no ruler.
+    The ruler is as far from the camera as the middle of the stage, so that a lamp there appears
+    level with the mark of its depth. A flat stage, such as a wide sea, has no ruler.
     """
-    s = scene.stage
-    (x, y), half = s.center, s.half
+    stage = scene.stage
+    (x, y), half = stage.center, stage.half
     bar = round_length(0.6 * half)
-    start = np.array([x + half - bar, y - half, s.bottom])
-    end, up = start + np.array([bar, 0.0, 0.0]), 0.01 * s.size * Z
-    lines = [(start, end), (start - up, start + up), (end - up, end + up)]
-    add_labels(scene, [0.5 * (start + end) - 2.5 * up], [f"{bar:g} m"])
-    if s.top - s.bottom > _FLAT * s.size:
-        step = round_length(0.25 * (s.top - s.bottom))
-        top = s.top - 0.04 * s.size  # above it is the name of the axis
-        heights = np.arange(math.ceil(s.bottom / step), math.floor(top / step) + 1) * step
+    start = np.array([x + half - bar, y - half, stage.bottom])
+    stop, up = start + np.array([bar, 0.0, 0.0]), 0.01 * stage.size * Z
+    lines = [(start, stop), (start - up, start + up), (stop - up, stop + up)]
+    add_labels(scene, [0.5 * (start + stop) - 2.5 * up], [f"{bar:g} m"])
+    if stage.top - stage.bottom > _FLAT * stage.size:
+        step = round_length(0.25 * (stage.top - stage.bottom))
+        top = stage.top - 0.04 * stage.size  # above it is the name of the axis
+        heights = np.arange(math.ceil(stage.bottom / step), math.floor(top / step) + 1) * step
         corner, right = _left_of_the_stage(scene)
-        tick = -0.02 * s.size * right
-        lines += [(corner + s.bottom * Z, corner + s.top * Z)]
+        tick = -0.02 * stage.size * right
+        lines += [(corner + stage.bottom * Z, corner + stage.top * Z)]
         lines += [(corner + z * Z, corner + z * Z + tick) for z in heights]
-        at = [corner + z * Z + 1.6 * tick for z in heights]
-        add_labels(scene, at, [f"{z:g}" for z in heights], align="right")
-        add_labels(scene, [corner + s.top * Z + 2.0 * up], ["z [m]"])
+        places = [corner + z * Z + 1.6 * tick for z in heights]
+        add_labels(scene, places, [f"{z:g}" for z in heights], align="right")
+        add_labels(scene, [corner + stage.top * Z + 2.0 * up], ["z [m]"])
     segments = pv.line_segments_from_points(np.array(lines).reshape(-1, 3))
-    scene.add_mesh(segments.tube(radius=0.0012 * s.size), color=CHALK, lighting=False)
+    scene.add_mesh(segments.tube(radius=0.0012 * stage.size), color=CHALK, lighting=False)
     return scene
 
 
 def _left_of_the_stage(scene: ScenePlotter) -> tuple[np.ndarray, np.ndarray]:
-    """Return the place (x, y, 0) of the ruler and the unit vector to the right."""
+    """Return the place (x, y, 0) of the ruler, left of all corners, and the unit vector right."""
     camera, ahead = np.array(scene.camera.position), np.array(scene.camera.direction)
     right, corners = scene.frame[0], scene.stage.corners
     middle = np.array([*scene.stage.center, 0.0])
-    reach = (corners - middle) @ right / ((corners - camera) @ ahead)
-    across = float(reach.min() * ((middle - camera) @ ahead)) - 0.02 * scene.stage.size
+    # across over ahead: the leftmost corner in perspective, at the distance of the middle
+    slopes = (corners - middle) @ right / ((corners - camera) @ ahead)
+    across = float(slopes.min() * ((middle - camera) @ ahead)) - 0.02 * scene.stage.size
     return middle + across * right, right
 
 
 def add_compass(
     scene: ScenePlotter, wind_speed: float | None, direction_deg: float = 0.0
 ) -> ScenePlotter:
-    """Draw a down-wind arrow in front of the near edge of the sea, with the wind speed [m s-1]."""
+    """Draw a down-wind arrow in front of the edge of lowest y, with the wind speed [m s-1]."""
     s = scene.stage
     length = 0.16 * s.size
     angle = math.radians(direction_deg)
-    along = np.array([math.cos(angle), math.sin(angle), 0.0])
+    wind = np.array([math.cos(angle), math.sin(angle), 0.0])
     middle = np.array([s.center[0] - 0.5 * s.half, s.center[1] - 1.15 * s.half, 0.0])
     arrow = pv.Arrow(
-        start=middle - 0.5 * length * along, direction=along, scale=length, tip_length=0.3,
+        start=middle - 0.5 * length * wind, direction=wind, scale=length, tip_length=0.3,
         tip_radius=0.07, shaft_radius=0.025,
     )  # fmt: skip
     scene.add_mesh(arrow, color=PALETTE["orange"], ambient=0.4)
@@ -330,7 +340,7 @@ def add_compass(
 
 
 def add_caption(scene: ScenePlotter, text: str) -> ScenePlotter:
-    """Write a caption along the lower edge, above the key."""
+    """Write a caption along the lower edge of the window, above the key."""
     scene.caption = text
     scene.write(text, 0.02, 0.02 + 2.0 * scene.font_size / scene.window_size[1], CHALK)
     return scene
@@ -339,12 +349,12 @@ def add_caption(scene: ScenePlotter, text: str) -> ScenePlotter:
 def add_key(scene: ScenePlotter) -> ScenePlotter:
     """Draw the legend of the colours along the lower edge."""
     left, bottom = 0.02, 0.02
-    letter = 0.53 * scene.font_size / scene.window_size[0]
+    letter = 0.53 * scene.font_size / scene.window_size[0]  # mean width / window
     for label, color in scene.key.items():
         if left + (len(label) + 2.3) * letter > 1.0:
             left, bottom = 0.02, bottom + 1.6 * scene.font_size / scene.window_size[1]
-        for shift, text, shade in ((0.0, "\N{BLACK SQUARE}", color), (2.3, label, CHALK)):
-            scene.write(text, left + shift * letter, bottom, shade)
+        for shift, text, text_color in ((0.0, "\N{BLACK SQUARE}", color), (2.3, label, CHALK)):
+            scene.write(text, left + shift * letter, bottom, text_color)
         left += (len(label) + 4.3) * letter
     return scene
 
@@ -356,9 +366,9 @@ def add_labels(
     places = require_array(points, "points", "points (n, 3)").reshape(len(points), -1)
     if not len(texts) == len(places) > 0 or places.shape[1] != 3:
         raise Refused("points", places.shape, "a point (3,) for each text")
-    ways = places - scene.camera.position
-    seen = ways @ scene.camera.direction > 0.0  # VTK draws labels behind, too
-    places, texts = places[seen], [text for text, here in zip(texts, seen, strict=True) if here]
+    rays = places - scene.camera.position
+    ahead = rays @ scene.camera.direction > 0.0  # VTK draws labels behind, too
+    places, texts = places[ahead], [text for text, seen in zip(texts, ahead, strict=True) if seen]
     if not texts:
         return scene
     scene.texts += [(point, text, align) for point, text in zip(places, texts, strict=True)]
@@ -372,7 +382,7 @@ def add_labels(
 
 
 def round_length(length: float) -> float:
-    """Return the largest of 1, 2, 5 times a power of ten up to a length.
+    """Return the largest number up to a length that is 1, 2 or 5 times a power of ten.
 
     Examples
     --------
@@ -384,14 +394,14 @@ def round_length(length: float) -> float:
 
 
 def round_range(low: float, high: float) -> tuple[float, float]:
-    """Return the closest limits around two values, with one digit for limits and middle.
+    """Return the closest limits around two values that are two round steps of one digit apart.
 
     Examples
     --------
     >>> round_range(-0.63, 0.56)
     (-0.7, 0.7)
     """
-    # the finest step of one digit of which two span both values
+    # the smallest step of one digit, such as 0.7, with multiples two steps apart around the values
     finest = math.floor(math.log10(max(high - low, 1e-6))) - 1
     for power, digit in itertools.product(range(finest, finest + 3), range(1, 10)):
         step = digit * 10.0**power

@@ -41,20 +41,22 @@ from meshtrace.studies.cluster import Cluster
 from meshtrace.studies.store import Item, Kept, Store, digest_of
 from meshtrace.uav import Dryden, Flight, TiltFactors
 
+# a step is one turn of a study's loop, such as one surface
 Setup = Callable[[], Callable[[Any], Any]]
-"""Returns the function that gives the numbers of a step; called in the process that evaluates."""
+"""Returns the function from a step to its numbers; called in the process that evaluates steps."""
 
+# the shape of the numbers of a step; None along an axis of any size
 ShapeOf = Callable[[Any], tuple[int | None, ...]]
 
 DEFAULT_CHAINS = 2048
 """Chains of a study over many surfaces, common to all of them."""
 
-_PROBED = 4  # surfaces whose crests the chains expect
-_TRIM_EVERY = 16  # surfaces, after which free memory returns to the system
+_PROBED = 4  # first surfaces, whose crests stand for those of all when chains are drawn
+_TRIM_EVERY = 16  # surfaces after which free memory goes back to the system; tuned: memory, time
 
 
 class Steps(NamedTuple):
-    """Surfaces of a campaign in order.
+    """Surfaces of a campaign, in order.
 
     Parameters
     ----------
@@ -63,9 +65,9 @@ class Steps(NamedTuple):
     labels : ndarray, shape (n,)
         Times [s], or seeds of the realizations.
     surface : callable
-        Surface and time [s] of a step by its number, made where it is needed.
+        Returns surface and time [s] of a step by its number, called where they are needed.
     links : sequence of tuple of Link, optional
-        The links over each surface alone, of a campaign whose links move.
+        Links over each surface, of a campaign whose links move; by default those of the campaign.
     """
 
     along: Literal["time", "realization"]
@@ -76,7 +78,7 @@ class Steps(NamedTuple):
     def identity(self) -> dict[str, Any]:
         """Return the configuration that identifies the surfaces, as plain data."""
         labels = self.labels.tolist()
-        # a digest: a million labels would make a line of the store of megabytes
+        # a digest: a million labels would take megabytes in one line of the store
         identity = {"along": self.along, "number": len(labels), "labels": digest_of(labels)}
         if self.links is not None:
             links_of_steps = [
@@ -94,7 +96,7 @@ class Campaign(NamedTuple):
     links : mapping of str to Link
         Links by name, all with as many receivers; the chains of all have the same numbers.
     surface : MeshSource or TriangleMesh
-        The sea; a single mesh where one surface is enough.
+        The sea; a mesh for studies that need only a single surface.
     run : Run
         Chains of each link, seed and threads.
     meshing : Meshing
@@ -110,7 +112,7 @@ class Campaign(NamedTuple):
     spectral : bool
         Whether the links are one at several wavelengths, with common paths where possible.
     fine_patch : float
-        Half-width of the fine part of the meshes, over that of `Link.lit_patch`.
+        Half-width of the finely meshed part of the surface, over that of `Link.lit_patch`.
     """
 
     links: Mapping[str, Link]
@@ -141,7 +143,7 @@ class Campaign(NamedTuple):
         Raises
         ------
         Refused
-            If it is one of given meshes.
+            If the surface is a mesh or a series of meshes.
         """
         if not isinstance(self.surface, SurfaceModel):
             kind = Described(type(self.surface).__name__)
@@ -160,7 +162,7 @@ class Campaign(NamedTuple):
         return nullcontext() if self.cluster is None else self.cluster.keep_workers()
 
     def for_link(self, link: Link, name: str = "link") -> Campaign:
-        """Return the campaign of another link; names in one store have to differ."""
+        """Return the campaign of another link, whose name no other in the same store may have."""
         return self._replace(links={name: link})
 
     def identity(self) -> dict[str, Any]:
@@ -189,9 +191,9 @@ class Campaign(NamedTuple):
         """Return the wind at an aircraft, by default that over the sea."""
         if flight.wind is not None:
             return flight.wind
-        surface = self.scenario or self.surface
-        # of a scenario, of a sea of its own, or of the spectrum of a sea
-        speed = getattr(getattr(surface, "spectrum", surface), "wind_speed", None)
+        owner = self.scenario or self.surface
+        # the wind of a scenario, of the spectrum of a sea, or of a sea itself
+        speed = getattr(getattr(owner, "spectrum", owner), "wind_speed", None)
         if speed is None:
             raise Refused("flight.wind", None, "a wind, over a sea without wind speed")
         return Dryden(wind_speed=speed, height=self.link.air_end[1].height)
@@ -240,7 +242,7 @@ class Campaign(NamedTuple):
 
     def lines(self, links: Sequence[Link], surface: MeshSource) -> dict[str, Any]:
         """Return arguments of `MeshSource.mesh` that cover all crossings to any receiver."""
-        if self.spectral:  # the ends of all are the same
+        if self.spectral:  # one link at several wavelengths: its ends are in the same places
             links = [clearest(links)]
         joint = links[0]
         if len(links) > 1:
@@ -250,7 +252,7 @@ class Campaign(NamedTuple):
                 receiver=tuple(receiver for link in links for receiver in link.receivers),
             )
         estimator = self.run.estimator
-        # of all links about their own origins, seen from that of the joint one
+        # each link reaches so far about its own origin: seen from that of the joint one, farther
         reach = max(
             resolved_reach(link, estimator) + math.dist(link.origin, joint.origin) for link in links
         )
@@ -265,12 +267,12 @@ class Campaign(NamedTuple):
     ) -> TriangleMesh:
         """Return the mesh of a surface at a time, by default with lines for these links alone."""
         # a mesh of the user is taken as it is
-        made = surface
-        if not isinstance(made, TriangleMesh):
-            made = made.mesh(time, **(lines or self.lines(links, made)))
+        mesh = surface
+        if not isinstance(mesh, TriangleMesh):
+            mesh = mesh.mesh(time, **(lines or self.lines(links, mesh)))
         for link in links:
-            require_cover(link, made)
-        return made
+            require_cover(link, mesh)
+        return mesh
 
     def detections(
         self, links: Sequence[Link], sea: TypicalSea, threads: int = 1
@@ -303,12 +305,12 @@ class Campaign(NamedTuple):
         identity : mapping
             What the numbers depend on besides `identity` of the campaign.
         """
-        mapped = partial(_on_threads, self.threads) if self.cluster is None else self.cluster.map
+        run_map = partial(_on_threads, self.threads) if self.cluster is None else self.cluster.map
         # a cluster finishes steps in any order; they are handed on in order
         ready: dict[Any, Floats] = {}
         with (
             self.store.loop(name, self.identity() | dict(identity)) as stored,
-            closing(finished(stored, mapped, setup, steps, shape, work)) as items,
+            closing(finished(stored, run_map, setup, steps, shape, work)) as items,
         ):
             for step in steps:
                 while step not in ready:
@@ -327,8 +329,8 @@ class Campaign(NamedTuple):
 
     @property
     def alone(self) -> Campaign:
-        """The campaign without store, cluster and progress, and on a cluster with one thread."""
-        # a worker has one core; threads of this process would share the cores of its neighbours
+        """The campaign as a worker needs it, without scenario, store, cluster and progress."""
+        # a worker has one core: more threads would take those of other workers
         run = self.run if self.cluster is None else self.run.replace(threads=1)
         return self._replace(run=run, scenario=None, cluster=None, store=Store(), progress=None)
 
@@ -340,7 +342,8 @@ class Campaign(NamedTuple):
         steps : Steps
             The surfaces.
         probed : int
-            Surfaces whose crests the chains expect; the first one under links that move.
+            First surfaces, whose crests stand for those of all when chains are drawn. Under links
+            that move it is the very first alone.
 
         Yields
         ------
@@ -367,7 +370,7 @@ class Campaign(NamedTuple):
             over all surfaces and for all links.
         """
         n, receivers = len(steps.labels), len(self.link.receivers)
-        # filled as they come: a list of a million surfaces would hold each twice
+        # filled as they come: a list would hold the gains of a million surfaces twice
         gains = np.empty((2, len(self.links), n, receivers, SHIFTS))
         for i, numbers in enumerate(self.each(steps, probed)):
             gains[:, :, i] = numbers
@@ -382,18 +385,19 @@ def finished(
     shape: ShapeOf,
     work: str,
 ) -> Generator[tuple[Any, Item | Exception], None, None]:
-    """Yield each step with its item, the stored ones first, the others as they are computed.
+    """Yield each step with its item: stored ones first, then the others as they are computed.
 
-    A work of minutes is announced. A step that failed is not stored: the next call tries it again.
+    Work of minutes is announced. A step that failed is not stored: the next call tries it again.
 
     Parameters
     ----------
     stored : Kept
         Finished steps of the loop, to which the others are added.
     mapped : callable
-        Evaluates steps, on threads or on a cluster (`Cluster.map`).
+        Evaluates steps, on threads or on a cluster (`Cluster.map`), and yields the number of each
+        in the sequence with its result or exception.
     setup : callable
-        Returns the function of a step, which gives numbers, or numbers and a text. On a cluster
+        Returns the function from a step to its numbers, or to numbers and a text. On a cluster
         every worker calls it once.
     steps : sequence
         Steps as plain data, all different: numbers of surfaces, or tuples.
@@ -408,17 +412,17 @@ def finished(
         If stored numbers have another shape.
     """
     # all stored shapes are checked before any new work starts
-    known = [(step, stored.of_shape(step, shape(step))) for step in steps if step in stored]
+    restored = [(step, stored.of_shape(step, shape(step))) for step in steps if step in stored]
     waiting = [step for step in steps if step not in stored]
-    yield from known
-    if not waiting:  # no setup, which may take as long as many steps
+    yield from restored
+    if not waiting:  # saves the setup, which may take as long as many steps
         return
     with closing(mapped(setup, waiting)) as results:
         for i, result in paced(results, len(waiting), f"{len(waiting):,} {work}"):
             if isinstance(result, Exception):
                 yield waiting[i], result
                 continue
-            item = result if isinstance(result, tuple) else (result,)
+            item = result if isinstance(result, tuple) else (result,)  # numbers and, perhaps, text
             yield waiting[i], stored.keep(waiting[i], *item)
             if i % _TRIM_EVERY == 0:
                 trim_memory()
@@ -427,13 +431,13 @@ def finished(
 def _on_threads(
     threads: int, setup: Setup, steps: Sequence[Any]
 ) -> Generator[tuple[int, Any], None, None]:
-    """Yield the number of each step and its numbers, in order."""
-    # setup and step both hold BLAS to one thread: digits do not depend on the cores
+    """Yield the place of each step and its numbers, in order."""
+    # setup and steps run with BLAS held to one thread: digits do not depend on the cores
     yield from enumerate(ordered_map(held(held(setup)()), steps, threads))
 
 
 def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Callable[[int], Floats]:
-    """Return a function of the number of a surface, which gives the gains over it.
+    """Return a function from the number of a surface to the gains over it.
 
     Gains have the shape of those of `Campaign.each`; each mesh is made in the thread that
     evaluates it.
@@ -450,9 +454,9 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
 
     if isinstance(run.estimator, Analog):
         return lambda i: _analog_gains(campaign, links_at(i), make_mesh(i))
-    probes = min(1 if steps.links else probed, len(steps.labels))
-    # the probed meshes are used again: each once, so that memory is freed as the loop goes on
-    probed_meshes = {i: make_mesh(i) for i in range(probes)}
+    n_probed = min(1 if steps.links else probed, len(steps.labels))
+    # probed meshes serve the loop, too: each once, so that memory is freed as the loop goes on
+    probed_meshes = {i: make_mesh(i) for i in range(n_probed)}
     typical = TypicalSea.of_meshes(probed_meshes.values(), MANY_SEAS)
 
     def mesh(i: int) -> TriangleMesh:
@@ -461,6 +465,7 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
     def gains(links: Sequence[Link]) -> Callable[[TriangleMesh], Floats]:
         detections = campaign.detections(links, typical)
 
+        # shape (2, links, receivers, shifts): gains and their unscattered parts
         def over_mesh(mesh: TriangleMesh) -> Floats:
             parts = [part for chains in detections for part in chains.at_wavelengths(mesh)]
             return np.array([[part.shifts for part in parts], [part.direct for part in parts]])
@@ -471,8 +476,8 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
         over_mesh = gains(links)
         return lambda i: over_mesh(mesh(i))
     # ends that only tilt share one mesh and, where chains serve neighbours, one set of chains
-    shared = widest and not campaign.spectral
-    if not shared or not all(
+    shared_mesh = widest and not campaign.spectral
+    if not shared_mesh or not all(
         isinstance(chains, ForcedDetection) and chains.serves_neighbours
         for chains in campaign.detections(links, typical)
     ):
@@ -482,14 +487,14 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
     ]
 
     def tilted_gains(i: int) -> Floats:
-        made, pairs = mesh(i), zip(frozen, links_at(i), strict=True)
-        return np.stack([chains.parts(link, made) for chains, link in pairs], axis=1)
+        surface_mesh, pairs = mesh(i), zip(frozen, links_at(i), strict=True)
+        return np.stack([chains.parts(link, surface_mesh) for chains, link in pairs], axis=1)
 
     return tilted_gains
 
 
 def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh) -> Floats:
-    """Return the gains over a mesh by individual photons; unscattered parts are not known.
+    """Return the gains over a mesh by individual photons, with nan for unscattered parts.
 
     A shift is a range of photon ids, the same over all surfaces: common random numbers, as those
     of the chains.
@@ -515,9 +520,9 @@ def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh)
 
 
 def _widest(steps: Steps, links: list[Link]) -> Sequence[Link] | None:
-    """Return the links whose mesh covers all times; None if each surface needs its own.
+    """Return the links whose mesh covers all times; None if each surface needs a mesh of its own.
 
-    Ends that tilt have one mesh, ends that move aside have others.
+    Ends that only tilt share one mesh, ends that move aside do not.
     """
     if steps.along != "time":
         return None
@@ -525,10 +530,10 @@ def _widest(steps: Steps, links: list[Link]) -> Sequence[Link] | None:
         return links
     # all links of a campaign move alike: the first stands for them
     ends = [row[0].air_end[1] for row in steps.links]
-    # each place has a mesh of its own, fine where its light crosses
+    # an end that moves needs a mesh for each place, fine where its light crosses
     if any(end.center != ends[0].center for end in ends):
         return None
-    # a tilted view sees the sea farthest off
+    # the most tilted view sees the sea farthest off
     return steps.links[int(np.argmax([end.tilt_deg for end in ends]))]
 
 
@@ -564,7 +569,7 @@ def campaign_of(
     analog : bool
         Whether the gains of the study may be those of individual photons.
     chains : int
-        Chains of a link that are not given.
+        Number of chains of a link, unless `photons` of the run says otherwise.
     wavelengths_nm : array_like, optional
         Wavelengths [nm] at which the link is taken, named by them; by default its own.
 
@@ -576,7 +581,7 @@ def campaign_of(
     options = case_options(run)
     scenario = link if isinstance(link, Scenario) else None
     if scenario is None:
-        # a scenario has its own number, which stays
+        # a scenario says its number of chains itself
         options.setdefault("photons", chains)
     elif several and surface is None and isinstance(scenario.surface, MeshFile):
         raise Refused("sea.mesh", scenario.surface.file, "a sea model")
@@ -586,7 +591,7 @@ def campaign_of(
             raise Refused(
                 "run.estimator", "analog", f"forced{', over many seas' if several else ''}"
             )
-        # at least one photon for each of the ranges that give the error
+        # the error is that of 32 ranges of photons, none of which may be empty
         require_whole(case.run.photons, SHIFTS, 2**53, "run.photons")
     if several and not isinstance(case.surface, MeshSource):
         raise Refused("surface", Described(type(case.surface).__name__), "a sea (MeshSource)")

@@ -107,11 +107,11 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
     tolerance: float = 1e-3
     provenance: dict[str, Any] = field(default_factory=dict)
 
-    _step_name: ClassVar[str] = "parameter"
+    _step_name: ClassVar[str] = "parameter"  # field that names the dimension `step` in a file
 
     @property
     def step(self) -> Floats:
-        """Quantity that goes to zero: the values, or one over the band limit."""
+        """Step h that goes to zero: the values, or one over the band limit [s rad-1]."""
         return 1.0 / self.values if self.parameter == "omega_max" else self.values
 
     @property
@@ -121,7 +121,7 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
 
     @property
     def gain_stderr(self) -> Floats:
-        """Monte Carlo standard error of the gain, common to all steps."""
+        """Monte Carlo standard error of the gain, which all steps share through their chains."""
         return error_of_groups(self.samples.mean(axis=2), -1)
 
     @cached_property
@@ -135,6 +135,7 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
     @property
     def anchor(self) -> Floats:
         """Gain that differences are taken from, shape (kinds,): exact, or of the finest step."""
+        # gain less difference is the same at all steps: the first stands for them
         return self.gain[:, 0] - self.difference[:, 0]
 
     @property
@@ -153,12 +154,13 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
 
         Notes
         -----
-        Least squares, weighted by the standard errors of the differences and a misfit: the
-        scatter over the placements over their number, as the mean over a lattice errs, or else
-        something in proportion to h^2, which the law leaves out; as large as the residuals are
-        beyond their standard errors (Paule and Mandel 1982). Intervals join a bootstrap over
-        the shifts of the chains with that misfit, known from n - 3 residuals (Student). They
-        leave out `gain_stderr`, which exact and meshed gains share.
+        Least squares, weighted by the standard errors of the differences and a misfit. The
+        misfit is the scatter over the placements divided by their number, which is how the mean
+        over a lattice errs, or else a term in proportion to h^2 that the law leaves out; its size
+        is that by which the residuals exceed their standard errors (Paule and Mandel 1982).
+        Intervals join a bootstrap over the shifts of the chains with that misfit, known from
+        n - 3 residuals (Student). They leave out `gain_stderr`, which exact and meshed gains
+        share.
 
         References
         ----------
@@ -166,13 +168,13 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
         """
         placements = self.samples.shape[2]
         # realizations and time steps have no placements: their misfit is fitted
-        known = self.parameter == "spacing" and placements > 1
+        placed = self.parameter == "spacing" and placements > 1
         return {
             kind: fit_law(
                 self.step,
                 self._differences[k],
                 float(self.anchor[k]),
-                self.scatter[k] / placements if known else None,
+                self.scatter[k] / placements if placed else None,
             )
             for k, kind in enumerate(self.normals)
         }
@@ -205,7 +207,7 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
         """
         target = self.tolerance if tolerance is None else tolerance
         limit = require_between(target, 0.0, math.inf, "tolerance")
-        # relative to the finest gain, which errs least
+        # errors are relative to the gain of the finest step, which errs least
         steps = [largest_step(self.step, row, limit) for row in self.error / self.gain[:, -1:]]
         values = [1.0 / s if self.parameter == "omega_max" else s for s in steps]
         return dict(zip(self.normals, values, strict=True))
@@ -246,7 +248,7 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
         return "\n\n".join(self._table(kind) for kind in self.normals)
 
     def _table(self, kind: Normals) -> str:
-        """Return the results of a study for one kind of normals as text."""
+        """Return the table of the study for one kind of normals as text."""
         k, exact = self.normals.index(kind), self.reference
         percent = 100.0 / self.anchor[k]
         columns = [
@@ -266,6 +268,7 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
         lines = [f"{kind} normals, differences from {base} in percent"]
         lines.append("".join(f"{head:>{width}}" for head, width, _, _ in columns))
         for j in range(len(self.values)):
+            # numbers by their digits, nan as a dash, and both flush right
             cells = [
                 format("-" if math.isnan(column[j]) else format(column[j], digits), f">{width}")
                 for _, width, digits, column in columns
@@ -281,7 +284,7 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
         return "\n".join([*lines, *self._fitted_lines(kind)])
 
     def _fitted_lines(self, kind: Normals) -> list[str]:
-        """Return lines of text on the fitted order, the limit and the recommended step."""
+        """Describe the fitted order, the limit and the recommended step in lines of text."""
         k, exact = self.normals.index(kind), self.reference
         order, gain, _ = self.fits[kind]
         lines = [
@@ -323,7 +326,7 @@ def convergence_study(
     unresolved: Unresolved = "none",
     **run: Unpack[StudyOptions],
 ) -> ConvergenceStudy:
-    """Study the dependence of the gain over a sea on the spacing of its mesh.
+    """Study how the gain over a sea depends on the spacing of its mesh.
 
     Parameters
     ----------
@@ -339,8 +342,8 @@ def convergence_study(
         Meshes of each spacing, moved against the sea by parts of a cell. 1 keeps one mesh, whose
         lines go through the origin.
     reference : {"auto", "analytic"}, optional
-        "analytic" also finds the gain over the exact sum of waves; "auto" does so where the sea is
-        one and `unresolved` is "none".
+        "analytic" also computes the gain over the exact sum of waves; "auto" does so where the sea
+        is one and `unresolved` is "none".
     tolerance : float
         Relative error of one surface with the recommended step.
     receiver : int
@@ -349,7 +352,7 @@ def convergence_study(
         Slopes of the waves that each mesh leaves out. "none" studies the mesh itself, "tilt"
         whether the mean gain is free of it: normals tilt at random (`Physics.unresolved`).
     **run
-        Options of the run, see `StudyOptions`; of its `mesh` the time counts.
+        Options of the run, see `StudyOptions`; of its `mesh` only the time counts.
 
     Returns
     -------
@@ -388,14 +391,14 @@ def convergence_study(
         reference = None
     exact = wave_sum(campaign.sea) if reference else None
     chains = CommonChains(campaign, normals, receiver, unresolved)
-    link, sea, at = campaign.link, campaign.sea, campaign.meshing.time
+    link, sea, time = campaign.link, campaign.sea, campaign.meshing.time
     pairs = product(values, placement_shifts(placements))
-    cases = [partial(nested_mesh, link, sea, at, spacing, shift) for spacing, shift in pairs]
+    cases = [partial(nested_mesh, link, sea, time, spacing, shift) for spacing, shift in pairs]
     recorded = {"spacings": values, "placements": placements, "unresolved": unresolved}
     gains = _by_step(chains.measure_all(cases, recorded), values)
-    # the finest mesh gives the best starts of the search
+    # crossings of the finest mesh are nearest to those of the exact surface, where Newton ends
     truth = chains.exact(exact, values[-1]) if exact else None
-    # of placements: what one mesh at a chance place errs by
+    # the error of a single mesh: its place against the sea is a matter of chance
     scatter = spread(gains[..., :SHIFTS].mean(axis=3))
     return _study("spacing", values, chains, gains, scatter, tolerance, recorded, truth)
 
@@ -413,7 +416,7 @@ def band_limit_study(
     unresolved: Unresolved = "none",
     **run: Unpack[StudyOptions],
 ) -> ConvergenceStudy:
-    """Study the dependence of the mean gain over a random sea on its shortest waves.
+    """Study how the mean gain over a random sea depends on its shortest waves.
 
     Parameters
     ----------
@@ -430,7 +433,7 @@ def band_limit_study(
         As in `convergence_study`.
     **run
         Options of the run, see `StudyOptions`. The spacing of its `mesh`, 0.1 m by default, should
-        be a few to the shortest wave.
+        be a fraction of the shortest wavelength.
 
     Returns
     -------
@@ -442,28 +445,28 @@ def band_limit_study(
     The mean square slope of a spectrum with an omega^-5 tail grows as log omega_max: without
     random slopes for the waves left out (`unresolved="tilt"`) this study has no limit.
     """
-    values = descending("omega_max", omega_max)[::-1]
+    values = descending("omega_max", omega_max)[::-1]  # narrow to wide: coarse to fine
     campaign = campaign_of(link, surface, "band_limit_study", run)
     sea: Any = campaign.sea
     if not {"omega_max", "seed"} <= set(getattr(type(sea), "model_fields", {})):
         raise Refused("surface", Described(type(sea).__name__), "a random sea with omega_max")
     # one spacing for all bands, so that the mesh adds the same error to each
-    step = campaign.meshing.spacing or 0.1
-    # the chains expect the crests of the widest band, the highest
+    spacing = campaign.meshing.spacing or 0.1
+    # the widest band has the highest crests, for which the chains must allow
     widest = sea.model_copy(update={"omega_max": values[-1]})
-    base, at, key = campaign.link, campaign.meshing.time, campaign.run.seed
+    base, time, seed = campaign.link, campaign.meshing.time, campaign.run.seed
     chains = CommonChains(campaign, normals, receiver, unresolved, widest)
 
     def mesh(limit: float, i: int) -> TriangleMesh:
-        wide = sea.model_copy(update={"omega_max": limit, "seed": realization_seed(key, i)})
-        return nested_mesh(base, wide, at, step, np.zeros(2))
+        band = sea.model_copy(update={"omega_max": limit, "seed": realization_seed(seed, i)})
+        return nested_mesh(base, band, time, spacing, np.zeros(2))
 
     cases = [partial(mesh, *pair) for pair in product(values, range(realizations))]
-    recorded = {"omega_max": values, "realizations": realizations, "spacing": step,
+    recorded = {"omega_max": values, "realizations": realizations, "spacing": spacing,
                 "unresolved": unresolved}  # fmt: skip
     gains = _by_step(chains.measure_all(cases, recorded), values)
     gain = gains[..., :SHIFTS].mean(axis=3)
-    # of the difference to the widest band of the same phases: the fading itself, which all bands
+    # differences from the widest band with the same phases: the fading itself, which all bands
     # share, cancels
     scatter = spread(gain - gain[:, -1:])
     return _study("omega_max", values, chains, gains, scatter, tolerance, recorded)
@@ -481,7 +484,7 @@ def time_step_study(
     receiver: int = 0,
     **run: Unpack[StudyOptions],
 ) -> ConvergenceStudy:
-    """Study the dependence of the mean gain over a moving sea on the time step.
+    """Study how the mean gain over a moving sea depends on the time step.
 
     Parameters
     ----------
@@ -505,8 +508,9 @@ def time_step_study(
         linear interpolation between its times.
     """
     values = descending("steps", steps)
-    # between the times of the shortest step one more: its interpolation error is seen, too
+    # one more time between those of the shortest step shows its interpolation error, too
     finest = 0.5 * values[-1]
+    # steps and duration in units of `finest`
     strides = [multiple_of("steps", value / finest) for value in values]
     duration = 8.0 * values[0] if duration is None else duration
     require_between(duration, 0.0, math.inf, "duration")
@@ -516,21 +520,23 @@ def time_step_study(
             raise Refused("duration", duration, f"multiples of the step {value:g} s")
     campaign = campaign_of(link, surface, "time_step_study", run)
     chains = CommonChains(campaign, normals, receiver)
-    begin, width, sea = campaign.meshing.time, campaign.meshing.spacing, campaign.sea
+    begin, spacing, sea = campaign.meshing.time, campaign.meshing.spacing, campaign.sea
 
     def mesh(i: int) -> TriangleMesh:
-        meshing = Meshing(time=begin + i * finest, spacing=width)
+        meshing = Meshing(time=begin + i * finest, spacing=spacing)
         return mesh_for(chains.link, sea, meshing, chains.reach)[0]
 
     cases = [partial(mesh, i) for i in range(n + 1)]
     recorded = {"start": begin, "duration": duration, "steps": values}
-    frames = chains.measure_all(cases, recorded, photons=0)
-    means = np.stack([_time_mean(frames, s) for s in strides], axis=1)[:, :, None]
-    # the other numbers do not depend on the step
-    for k in range(SHIFTS + 1, frames.shape[-1]):  # slopes, reflection and times: of all frames
+    # no photons: the share of total reflection does not depend on the step, and stays nan
+    frames = chains.measure_all(cases, recorded, photons=0)  # (kinds, times, numbers)
+    # (kinds, steps, 1, numbers): one repeat
+    means = np.stack([_time_mean(frames, stride) for stride in strides], axis=1)[:, :, None]
+    # slopes, reflection and times do not depend on the step: their means over all frames
+    for k in range(SHIFTS + 1, frames.shape[-1]):
         means[..., k] = frames[..., k].mean(axis=1)[:, None, None]
-    each = frames[..., :SHIFTS].mean(axis=2)
-    scatter = np.stack([_interpolation_error(each, s) for s in strides], axis=1)
+    gain_in_time = frames[..., :SHIFTS].mean(axis=2)
+    scatter = np.stack([_interpolation_error(gain_in_time, s) for s in strides], axis=1)
     return _study("time_step", values, chains, means, scatter, tolerance, recorded)
 
 
@@ -549,13 +555,16 @@ def _study(
     recorded: dict[str, Any],
     reference: Reference | None = None,
 ) -> ConvergenceStudy:
-    """Assemble the study from the numbers of meshes (kinds, steps, repeats, numbers)."""
-    # columns as `CommonChains.measure` gives them
-    samples, (ballistic, *each) = gains[..., :SHIFTS], np.moveaxis(gains[..., SHIFTS:], -1, 0)
-    # tolerances are relative
+    """Assemble the study from the numbers of meshes (kinds, steps, repeats, numbers).
+
+    `scatter` is that of `ConvergenceStudy`; `recorded` are the options of the study.
+    """
+    # numbers in the order of `CommonChains.measure`
+    samples, (ballistic, *others) = gains[..., :SHIFTS], np.moveaxis(gains[..., SHIFTS:], -1, 0)
+    # tolerances are relative: a gain of 0 has none
     if not samples.mean(axis=(2, 3)).all():
         raise Refused("gain", Described("no light received"), "light at every step")
-    slopes, reflected, mesh, bvh, gain = (array.mean(axis=2) for array in each)
+    slopes, reflected, mesh, bvh, gain = (array.mean(axis=2) for array in others)
     kinds = chains.kinds
     recorded = recorded | {"normals": list(kinds), "receiver": chains.receiver}
     return ConvergenceStudy(
@@ -566,12 +575,12 @@ def _study(
 
 
 def _time_mean(frames: Floats, stride: int) -> Floats:
-    """Return the mean over the times, axis 1, by the trapezoidal rule on every stride-th."""
+    """Return the mean over the times, axis 1, by the trapezoidal rule on every stride-th frame."""
     return np.trapezoid(frames[:, ::stride], dx=stride, axis=1) / (frames.shape[1] - 1)
 
 
 def _interpolation_error(frames: Floats, stride: int) -> Floats:
-    """Return the rms error of linear interpolation between every stride-th of (kinds, times)."""
+    """Return the rms error of linear interpolation between every stride-th frame (kinds, times)."""
     times = np.arange(frames.shape[1])
     guess = np.stack([np.interp(times, times[::stride], row[::stride]) for row in frames])
     # at the nodes themselves the error is zero by construction
@@ -582,7 +591,7 @@ def _interpolation_error(frames: Floats, stride: int) -> Floats:
 DEFAULT_BANDS = (4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 64.0, 128.0)
 """Highest frequencies of a study [rad s-1]."""
 
-_BOOTSTRAPS = 400
+_BOOTSTRAPS = 400  # tuned: time, or noise of the standard error of an index
 _WITHIN_ONE = math.erf(math.sqrt(0.5))  # of normal errors within one standard error
 
 
@@ -654,7 +663,7 @@ def fading_study(
     tolerance: Positive = WITHIN,
     **run: Unpack[StudyOptions],
 ) -> FadingConvergence:
-    """Study the dependence of the scintillation index on the shortest waves of a random sea.
+    """Study how the scintillation index depends on the shortest waves of a random sea.
 
     Parameters
     ----------
@@ -683,21 +692,22 @@ def fading_study(
 
     Notes
     -----
-    The band alone converges with its centimetre waves only: decimetre waves form caustics which
-    nothing blurs. With tilts the index rises to that of all waves within a few per cent.
+    The band alone converges only once it holds centimetre waves: caustics of decimetre waves are
+    blurred by nothing else. With tilts the index rises to that of all waves within a few per cent.
     """
     values = descending("omega_max", omega_max)[::-1]
     campaign = campaign_of(link, surface, "fading_study", run)
     link = campaign.link
-    # an omega^-5 tail has no limit of the slopes: another spectrum continues it
+    # the slopes of an omega^-5 tail have no limit: another spectrum stands for it
     sea = getattr(campaign.sea, "short_waves", campaign.sea)
     campaign = campaign._replace(surface=sea)
     # closed form down to the shortest capillary waves
     all_waves = scintillation_of_spectrum(link, sea)
+    # with random slopes beyond each band, and without
     closed = [[scintillation_of_spectrum(link, sea, w, t) for w in values] for t in (True, False)]
     try:
         recommended = fading_band(link, sea, tolerance)
-    except Refused:
+    except Refused:  # no band will do, or no random slopes stand for the waves beyond one
         recommended = math.nan
     measured = np.full((2, len(values)), math.nan)
     for i, limit in enumerate(values if realizations else ()):
@@ -711,13 +721,14 @@ def fading_study(
 
 
 def _measured(campaign: Campaign, omega_max: float, realizations: int) -> tuple[float, float]:
-    """Return the index of unscattered light over an ensemble, and its standard error."""
+    """Return the scintillation index of unscattered light over an ensemble, and its error."""
     sea: Any = campaign.sea
+    # the name of the link tells the bands apart in a store
     campaign = campaign.for_link(campaign.link, f"up to {omega_max!r} rad/s")
     campaign = campaign._replace(surface=sea.model_copy(update={"omega_max": omega_max}))
     gain = over_realizations(campaign, realizations).gain_ballistic
     index = scintillation_index(
         gain, confidence=_WITHIN_ONE, resamples=_BOOTSTRAPS, seed=campaign.run.seed
     )
-    # the interval of one standard error to either side
+    # half of an interval that reaches one standard error to either side
     return index.value, 0.5 * (index.high - index.low)

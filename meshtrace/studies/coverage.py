@@ -51,23 +51,23 @@ from meshtrace.studies.campaign import Campaign, case_options
 from meshtrace.studies.cluster import Restored
 
 _FIRST_PHOTONS = 2**20  # at most, before the first comparison with `rtol`
-_MOST_AT_ONCE = 16.0  # times the photons: an error of few hits is uncertain itself
-_MESHES = 4  # that are kept for further photons
-_PROBED = 3  # tiles along each side, of which one is tried first
-_BLOCK = 2**18  # photons of a step: a store has a map for each
+_MOST_AT_ONCE = 16.0  # most growth of the photons at once: the error of few hits is uncertain
+_MESHES = 4  # of the latest times, in memory for further photons; tuned: memory, time
+_PROBED = 3  # a probe takes one of so many tiles along x and along y
+_BLOCK = 2**18  # photons of a step; tuned: a store has a map for each step
 
 
 class _Step(NamedTuple):
-    """Samples over the surface of a time: photons of a run, or chains to a tile of cells.
+    """Samples over the surface at one time: photons of a run, or chains to a tile of cells.
 
-    A run is one of the kinds of photons that a map of several wavelengths has. Samples are numbered
-    by run or tile: those from `first` on have not been followed before.
+    A map of several wavelengths has several runs, of different kinds of photons. Samples are
+    numbered by run or tile: those from `first` on have not been followed before.
     """
 
-    time: int
-    part: int  # number of the run or the tile
-    first: int
-    number: int
+    time: int  # index of the time
+    part: int  # index of the run or the tile
+    first: int  # number of the first sample
+    number: int  # how many samples
 
 
 @spectral
@@ -85,11 +85,11 @@ def coverage_map(
     workers: int | str | None = None,
     **run: Unpack[RunOptions],
 ) -> CoverageMap | ByWavelength[CoverageMap]:
-    r"""Return the gain over the plane of the receiver.
+    r"""Map the gain over the plane of the receiver.
 
-    By analog photons: every photon that leaves the sea, or goes down, passes the plane somewhere,
-    so that one run maps it all. With `rtol` they carry scattered and reflected light alone, or
-    chains carry it, see Notes.
+    Analog photons make the map: every photon that leaves the sea, or goes down, passes the plane
+    somewhere, so that a single run maps it all. With `rtol` they carry only scattered and reflected
+    light, or chains carry that, see Notes.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def coverage_map(
     times : sequence of float, optional
         Times [s] over which the map is averaged; by default 0, or that of the scenario.
     photons : int
-        Photons for each time; with `rtol` the first guess, of which 2^20 count.
+        Photons for each time; with `rtol` the first guess, at most 2^20.
     rtol : float, optional
         Relative standard error > 0 to reach in every cell by more samples; unscattered light has
         no noise where its image is known. Cells darker than a hundredth of the highest gain reach
@@ -174,8 +174,8 @@ def coverage_map(
         raise Refused("receiver", Described("no receiver"), "a Receiver or a WaterReceiver")
     if rtol is not None:
         require_between(rtol, 0.0, math.inf, "rtol", "()", "a finite number > 0")
-    given_times = case.meshing.time if times is None else times
-    at = require_finite(given_times, "times", "one or more times [s]").tolist()
+    instants = case.meshing.time if times is None else times
+    instants = require_finite(instants, "times", "one or more times [s]").tolist()
     grid = IrradianceMap(
         height=receiver.center[2],
         extent=extent,
@@ -183,23 +183,24 @@ def coverage_map(
         axis=receiver.axis,
         fov_deg=receiver.fov_deg,
     )
-    # the image of the unscattered light takes meshes that are fine below the whole map
+    # to a tolerance unscattered light is summed as an image, without noise, where it is known: this
+    # needs meshes that are fine below the whole map
     exact = rtol is not None and not isinstance(case.run.estimator, Analog)
-    waves = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
-    links = [case.link.at_wavelength(nm) for nm in waves] or [case.link]
-    bare = Campaign({}, case.surface, case.run, case.meshing)
-    campaign = bare.with_loop(options, "coverage_map")
-    maps = dict[int, CoverageMap]()
+    wavelengths = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
+    links = [case.link.at_wavelength(nm) for nm in wavelengths] or [case.link]
+    without_links = Campaign({}, case.surface, case.run, case.meshing)
+    campaign = without_links.with_loop(options, "coverage_map")
+    maps = dict[int, CoverageMap]()  # by the place of the link in `links`
     with campaign.workers(), one_blas_thread():
         # each turn serves the wavelengths that the photons of one base sample well
         while waiting := [i for i in range(len(links)) if i not in maps]:
             base, shared = photon_paths(links, waiting)
             part = campaign._replace(links={str(i): links[i] for i in shared.wavelengths})
-            maps |= _Mapped(part, shared, receiver, grid, at, exact).run(photons, rtol, base)
+            maps |= _Mapped(part, shared, receiver, grid, instants, exact).run(photons, rtol, base)
     for coverage in maps.values():
         coverage.provenance.update(case.origin)
     results = tuple(maps[i] for i in range(len(links)))
-    return ByWavelength(np.array(waves), results) if waves else results[0]
+    return ByWavelength(np.array(wavelengths), results) if wavelengths else results[0]
 
 
 class _Mapped(Restored):
@@ -234,21 +235,22 @@ class _Mapped(Restored):
         options = campaign.run.estimator
         self.options = options if isinstance(options, Analog) else Analog()
         self.tinting = shared.tinting
-        # gains are linear in the index of the water between its two ends
+        # gains are linear in the index of the water between the smallest and the largest one:
+        # weights of these two ends, (ends, wavelengths), or of the only one
         shares = np.array([1.0 - shared.shares, shared.shares])
-        self.end_shares = shares[: len(shared.bases)]  # of the smallest and the largest index
+        self.end_shares = shares[: len(shared.bases)]
         self._links = links = list(campaign.links.values())
         self._clearest = clearest(links)
-        several = [links[i] for i in self.tinting.bases] or [shared.bases[0]]
-        # each base scatters as one wavelength does, and refracts by one end of the indices
+        scatterers = [links[i] for i in self.tinting.bases] or [shared.bases[0]]
+        # each run scatters as one wavelength does, and refracts by one end of the indices
         self.runs = [
             (base, link.replace("water.n", end.water.n))
             for end in shared.bases
-            for base, link in enumerate(several)
+            for base, link in enumerate(scatterers)
         ]
-        # of the photons of one index, those of each base
-        self._base_shares = np.full(len(several), 1.0 / len(several))
-        self.shares = np.repeat(self.end_shares, len(several), axis=0) / len(several)  # of the runs
+        # runs of one end have as many photons each; `shares` is (runs, wavelengths)
+        self._base_shares = np.full(len(scatterers), 1.0 / len(scatterers))
+        self.shares = np.repeat(self.end_shares, len(scatterers), axis=0) / len(scatterers)
         # a mesh with its intersector takes tens of megabytes
         self.mesh = lru_cache(_MESHES)(self._meshed)
         # one lock a time: threads wait only for the mesh that they need
@@ -268,22 +270,25 @@ class _Mapped(Restored):
         inputs = self._campaign.surface, self._campaign.meshing.replace(time=time)
         if self._exact:
             half = 0.5 * self._grid.n * self._grid.step
-            # receivers in the corners make the mesh fine below the whole map
+            # receivers in the corners make the mesh fine below the whole map, which may end a part
+            # of a cell beyond `extent`
             ends = (-self._grid.extent, 2.0 * half - self._grid.extent)
             corners = [self._receiver.replace(position=(x, y)) for x in ends for y in ends]
             try:
                 below = self._clearest.replace(receiver=tuple(corners))
+                # an infinite reach: fine wherever light may cross to a corner
                 return mesh_for(below, *inputs, math.inf)[0]
             except Refused:  # a given mesh that does not reach below all cells
                 pass
         return mesh_for(self._clearest, *inputs)[0]
 
     def steps(self, done: int, photons: int) -> list[_Step]:
-        """Return the steps of further photons at each time, after those that are done."""
+        """Return the steps of `photons` further ones at each time, after `done` at each."""
         steps, n = list[_Step](), len(self.runs)
         for i in range(len(self.times)):
+            # ids are consecutive: those of all times up to now come first
             first = self.options.first_photon + len(self.times) * done + i * photons
-            # consecutive ids: the photons of a longer run begin with those of a shorter one
+            # as many photons to each run
             cuts = [first + k * photons // n for k in range(n + 1)]
             steps += [
                 _Step(i, k, start, min(_BLOCK, cuts[k + 1] - start))
@@ -293,7 +298,7 @@ class _Mapped(Restored):
         return steps
 
     def setup(self) -> Callable[[_Step], Floats]:
-        """Return the function of a step."""
+        """Return the function from a step to its numbers."""
         return lambda step: self.tallies(step).to_row()
 
     def tallies(self, step: _Step, grid: IrradianceMap | None = None) -> PhotonSums:
@@ -302,7 +307,7 @@ class _Mapped(Restored):
         with self._turns[step.time]:  # one thread makes the mesh of all
             mesh = self.mesh(self.times[step.time])
             EmbreeIntersector(frame_of(link).mesh(mesh), 1).built()  # kept with the mesh
-        # another grid is asked for the photons of one wavelength alone
+        # another grid is for a warning: the photons of one wavelength, with all their light, do
         tinting = UNTINTED if grid else self.tinting
         turn = (0, ALONE.parts) if grid else (base, self._base_shares)
         return run_analog(
@@ -319,8 +324,8 @@ class _Mapped(Restored):
         return self._chains_of(1)
 
     def _chains_of(self, stride: int) -> CellChains | None:
-        """Return chains to one of `stride` x `stride` tiles; None if they cannot serve."""
-        # chains keep one mesh a time in memory, and know one wavelength
+        """Return chains to one in `stride` x `stride` tiles; None if they cannot serve."""
+        # chains hold the meshes of all times in memory, and know a single wavelength
         if len(self._links) > 1 or len(self.times) > _MESHES:
             return None
         link, run = self._links[0].replace(receiver=self._receiver), self._campaign.run
@@ -332,23 +337,24 @@ class _Mapped(Restored):
         return chains if chains.serves else None
 
     def tile_setup(self) -> Callable[[_Step], Floats]:
-        """Return the function of the chains of a tile."""
+        """Return the function from a step of chains to its numbers."""
         chains = self.cell_chains
         assert chains is not None
-        _ = chains.pilots  # once, before threads share them
+        _ = chains.pilots  # computed once, before threads share them
         return lambda step: chains.sums(step.time, step.part, step.number, step.first).to_row()
 
     def _shape_of_tile(self, step: _Step) -> tuple[int]:
         """Return the shape of the numbers of a tile, see `TileSums.to_row`."""
         chains = self.cell_chains
         assert chains is not None
+        # number of cells that the slices of the tile select
         cells = np.empty((chains.cells, chains.cells))[chains.tiles[step.part]].size
         return (1 + (SHIFTS + 1) * cells,)
 
     def _unscattered(self) -> tuple[Floats, Floats] | None:
         """Return the unscattered gain of the cells and the error of its quadrature.
 
-        None if photons have to carry it.
+        Both (x, y, wavelengths); None if photons have to carry it.
         """
         options = self._campaign.meshing.normals, self._campaign.threads, self.tinting
         total, error = np.zeros((2, self._grid.n, self._grid.n, len(self._links)))
@@ -370,26 +376,29 @@ class _Mapped(Restored):
         """
         # a first look, from which the number for the tolerance follows
         more = photons if rtol is None else min(photons, _FIRST_PHOTONS)
-        each, sums, sampled = 0, list[PhotonSums](), list[int]()
+        # photons of each time so far, their sums by run, and places of the well-sampled links
+        done, sums, sampled = 0, list[PhotonSums](), list[int]()
         while not sums or more > 0:
-            sums = self._follow(base, each, more, sums)
-            each += more
+            sums = self._follow(base, done, more, sums)
+            done += more
             gain, stderr = self._gain(sums)
+            # decided once, after the first photons
             sampled = sampled or self._well_sampled(sums, base)
             pairs = [(gain[:, :, k], stderr[:, :, k]) for k in sampled]
             errors = [relative_errors(*pair).max() for pair in pairs if pair[0].any()]
-            # maps without any light are given up
+            # needed over present photons, as the error falls as 1 / sqrt(N); 0 without any light,
+            # where more photons would not help
             lack = 0.0 if rtol is None else (max(errors, default=0.0) / rtol) ** 2
-            # the error falls as 1 / sqrt(N): N lack^2 samples, and a tenth more
-            wanted = math.ceil(each * min(1.1 * float(lack), _MOST_AT_ONCE))
-            more = max(min(wanted, Analog.most_photons) - each, 0) if lack > 1.0 else 0
+            # a tenth more, as the error is uncertain
+            wanted = math.ceil(done * min(1.1 * float(lack), _MOST_AT_ONCE))
+            more = max(min(wanted, Analog.most_photons) - done, 0) if lack > 1.0 else 0
             if more > 0 and rtol is not None and self._by_chains is None:
-                self._by_chains = self._gain_by_chains(sums, rtol, each * lack) or ()
+                self._by_chains = self._gain_by_chains(sums, rtol, done * lack) or ()
                 if self._by_chains:
                     more, pairs = 0, [self._by_chains]
         self._warn(sums)
         return {
-            self._common.wavelengths[k]: self._map(self._links[k], *pair, sums, each, rtol)
+            self._common.wavelengths[k]: self._map(self._links[k], *pair, sums, done, rtol)
             for k, pair in zip(sampled, pairs, strict=True)
         }
 
@@ -398,7 +407,8 @@ class _Mapped(Restored):
     ) -> tuple[Floats, Floats] | None:
         """Return gain and standard error of the cells, with scattered light by chains.
 
-        None where photons are cheaper, find more light or follow light that chains omit.
+        None where `photons` at each time are cheaper, collect more light or follow light that
+        chains omit.
         """
         # chains carry scattered light alone: the rest has to be known
         if self._image is None or not self._cheaper(rtol, photons) or self.cell_chains is None:
@@ -409,7 +419,7 @@ class _Mapped(Restored):
             for tile, more in self._tile_sums(waiting, tiles_done).items():
                 tiles_done[tile] = tiles_done[tile] + more if tile in tiles_done else more
             tiles = [tiles_done[tile] for tile in range(len(chains.tiles))]
-            # after the first pass: if chains omit light, no more of them helps
+            # after the first pass alone: if chains omit light, more of them do not help
             if first and not self._trusts(chains, tiles, sums):
                 return None
             first, waiting = False, further(tiles, chains.lack(tiles, direct, rtol))
@@ -420,22 +430,22 @@ class _Mapped(Restored):
     def _cheaper(self, rtol: float, photons: float) -> bool:
         """Return whether chains cost less than `photons` at each time, by a probe of few tiles."""
         # one tile in nine tells the cost of all, for a ninth of the pilots
-        probe, most = self._chains_of(_PROBED), min(photons, Analog.most_photons)
-        most *= len(self.times)
-        if probe is None or self._image is None or probe.cost(np.array([FIRST])) > most:
+        probe, budget = self._chains_of(_PROBED), min(photons, Analog.most_photons)
+        budget *= len(self.times)  # costs are in photons over all times
+        if probe is None or self._image is None or probe.cost(np.array([FIRST])) > budget:
             return False
         tiles = [
             mean_of_times([probe.sums(i, tile, FIRST, 0) for i in range(len(self.times))])
             for tile in range(len(probe.tiles))
         ]
-        # no tile has fewer than the first chains
+        # needed over present chains: no tile has fewer than the first ones
         factor = np.maximum(probe.lack(tiles, self._image[:, :, 0], rtol), 1.0)
-        return probe.cost(factor * [sums.chains for sums in tiles]) < most
+        return probe.cost(factor * [sums.chains for sums in tiles]) < budget
 
     def _trusts(self, chains: CellChains, tiles: list[TileSums], sums: list[PhotonSums]) -> bool:
         """Return whether chains bring light to all cells, as much as photons, and omit little."""
         assert self._image is not None
-        # the first photons, unbiased whatever the light did, judge the chains
+        # the first photons follow light on all its ways, without bias: they judge the chains
         gain, stderr = (values[:, :, 0] for values in self._mixed(sums))
         whole = self._image[:, :, 0] + chains.scattered(tiles)[0]
         illuminated = all((tile.mean > 0.0).all() for tile in tiles)  # else an error would be zero
@@ -471,18 +481,18 @@ class _Mapped(Restored):
                 self._campaign.progress(step.number)
 
     def _well_sampled(self, sums: list[PhotonSums], base: int) -> list[int]:
-        """Return the wavelengths with enough effective photons in the median bright cell."""
-        maps = []
+        """Return places of the links with enough effective photons in the median bright cell."""
+        effective = []  # photons of each wavelength, (gain / stderr)^2
         for gain, stderr in zip(*(np.moveaxis(x, 2, 0) for x in self._mixed(sums)), strict=True):
             illuminated = gain > LIT * gain.max()
-            maps.append(
+            effective.append(
                 float(np.median((gain[illuminated] / stderr[illuminated]) ** 2))
                 if illuminated.any()
                 else 0.0
             )
-        # no more is asked of others than half of what the base itself reaches
-        limit = min(FEW_PHOTONS, 0.5 * maps[self._common.wavelengths.index(base)])
-        pairs = zip(self._common.wavelengths, maps, strict=True)
+        # where the base itself has few, half as many are enough
+        limit = min(FEW_PHOTONS, 0.5 * effective[self._common.wavelengths.index(base)])
+        pairs = zip(self._common.wavelengths, effective, strict=True)
         return [k for k, (i, number) in enumerate(pairs) if i == base or number >= limit]
 
     def _map(
@@ -510,23 +520,24 @@ class _Mapped(Restored):
         return CoverageMap(axis, axis, gain, stderr, origin, bound)
 
     def _warn(self, sums: list[PhotonSums]) -> None:
-        """Warn of lost photons, and of a receiver that looks away from the light."""
+        """Warn of lost photons, and of a receiver that faces away from the light."""
         records = {"irradiance-map": self._grid}
         pairs = zip(self.runs, sums, strict=True)
         results = [analog_result(link, tally, {}, records) for (_, link), tally in pairs]
         for result in results:
             warn_of_lost(result)
 
-        def back(photons: int, record: Sequence[IrradianceMap]) -> PhotonSums:
+        def follow(photons: int, record: Sequence[IrradianceMap]) -> PhotonSums:
             return self.tallies(_Step(0, 0, self.options.first_photon, photons), *record)
 
         if self._image is None:
-            warn_of_dark_map(results[0], records, back)
+            warn_of_dark_map(results[0], records, follow)
 
     def _follow(
         self, base: int, done: int, photons: int, sums: list[PhotonSums]
     ) -> list[PhotonSums]:
-        """Follow more photons at each time, and return their tallies with the sums, by run."""
+        """Follow more photons at each time, and return the tallies of all so far by run."""
+        # no photons yet: empty tallies
         tallies = sums or [self.tallies(_Step(0, k, 0, 0)) for k in range(len(self.runs))]
         steps, name = self.steps(done, photons), f"photons of link {base}"
         run = self.options.model_dump(mode="json")
@@ -541,7 +552,7 @@ class _Mapped(Restored):
 
     def _mixed(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:
         """Return the gain that photons carry, and its standard error (x, y, wavelengths)."""
-        # from flux through a cell to flux through the aperture
+        # from the flux through a cell to that through the aperture
         scale = np.pi * self._receiver.radius**2 / self._grid.step**2
         means, errors = np.array([tally.map_mean() for tally in sums]).swapaxes(0, 1)
         shares = self.shares[:, None, None]
@@ -554,7 +565,8 @@ class _Mapped(Restored):
         if self._image is None:
             return gain, stderr
         area = np.pi * self._receiver.radius**2
-        # the error of a cell that no photon has met is not zero: it may have missed one
+        # the error of a cell that no photon has met is not zero, as one may yet come: it is at
+        # least the contribution of one typical photon of the map, see the last term of s^2
         typical = np.zeros(gain.shape[2])
         for tally, shares in zip(sums, self.shares, strict=True):
             total, squares = (x.value().sum(axis=(0, 1)) for x in (tally.map, tally.map_squared))
@@ -567,15 +579,13 @@ class _Mapped(Restored):
 
         No photon scores more than its largest weight w times the aperture over the cell; with
         mean m and standard error s the bound is m + 2 s + 3 w / n (rule of three). A photon of a
-        base that scatters more has the more weight the longer it has not scattered: w counts the
-        straight way down the water.
+        base that scatters more than the link weighs exp((b_base - b) l) after a way l without
+        scattering: w takes l as the depth of the deepest end.
         """
         if (gain > 0.0).all():
             return None
-        # photons of the base that have not scattered stand for more light where the water of the
-        # link scatters less
-        fewer = max(scattering(self._common.bases[0])[0] - scattering(link)[0], 0.0)
+        excess = max(scattering(self._common.bases[0])[0] - scattering(link)[0], 0.0)  # [m-1]
         depth = max(-item.center[2] for _, item in link.items())
-        weight = largest_weight(link, 0.0) * math.exp(fewer * depth)
+        weight = largest_weight(link, 0.0) * math.exp(excess * depth)
         most = weight * np.pi * self._receiver.radius**2 / self._grid.step**2
         return np.where(gain > 0.0, np.nan, gain + 2.0 * stderr + 3.0 * most / photons)

@@ -57,7 +57,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
     ooks : tuple of OokLink
         Transmission at each bit rate.
     figures : tuple of OperatingPoint
-        Depth by depth, the bit rates of each together.
+        Figures at each depth and bit rate; the bit rates of one depth follow each other.
     fades : tuple of FadingSamples
         Gains and tilt factors at each depth; not in files, empty when loaded.
     limit : float
@@ -65,7 +65,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
     confidence : float
         Level of all intervals.
     status : str
-        Status of the calibration, to be shown with every figure.
+        What calibrates the transmission, to be shown with every figure (`OokLink.status`).
     provenance : dict
         Link, sea, receiver, seeds and versions.
     light : str
@@ -152,9 +152,10 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
 
     def _ranges(self, bers: Floats, target: float) -> tuple[Estimate, ...]:
         """Return the range of each bit rate for error rates (depths, bit_rates, 3)."""
-        # the upper limit of the error rate gives the lower limit of the range
-        columns = (bers[:, i, [0, 2, 1]].T for i in range(len(self.ooks)))
-        return tuple(Estimate(*(_range(self.depths, b, target) for b in c)) for c in columns)
+        # value, lower and upper limit: the upper limit of the error rate gives the lower one of
+        # the range
+        curves = (bers[:, i, [0, 2, 1]].T for i in range(len(self.ooks)))
+        return tuple(Estimate(*(_range(self.depths, b, target) for b in c)) for c in curves)
 
     def eye(self, depth: float | None = None, bit_rate: float | None = None) -> Eye:
         """Return the eye diagram at the mean received power of a depth and bit rate."""
@@ -168,7 +169,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         return ook if ook.response is not None else ook.replace(response=response)
 
     def summary(self) -> str:
-        """Return the performance as a text for the terminal."""
+        """Return the performance as text for a terminal."""
         percent = f"{100.0 * self.confidence:g} %"
         lines = [
             f"{'depth':>7}{'Mbit/s':>8}{'P_rx dBm':>10}{'margin dB optical':>19}"
@@ -178,31 +179,31 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         lines += [_figures_line(figures) for figures in self.figures]
         if len(self.depths) > 1:
             lines += ["", self._range_heading, *self._range_lines()]
-        water, *closed_form_of_fading = self._origin_lines()
+        water, *fading_lines = self._origin_lines()
         lines += ["", water, f"background light: {self.light}", *self._filters(), *self._tilts()]
-        lines += [*self._spreads(), *self._overloads(), *closed_form_of_fading, self.status]
+        lines += [*self._spreads(), *self._overloads(), *fading_lines, self.status]
         return "\n".join(lines)
 
     def _filters(self) -> list[str]:
-        """Return the widest filters of the first depth, if there is background light."""
+        """Describe the widest filters at the first depth, if there is background light."""
         first = [f for f in self.figures[: len(self.ooks)] if not math.isnan(f.widest_filter_nm)]
         if not first:
             return []
-        named = {0.0: "none", math.inf: "any"}
+        words = {0.0: "none", math.inf: "any"}  # no filter is narrow enough, or every one is
         texts = ", ".join(
             f"{f.bit_rate / 1e6:g} Mbit/s "
-            f"{named.get(f.widest_filter_nm, f'{f.widest_filter_nm:.3g} nm')}"
+            f"{words.get(f.widest_filter_nm, f'{f.widest_filter_nm:.3g} nm')}"
             for f in first
         )
         return [f"widest filter for BER {self.limit:g} at {first[0].depth:g} m: {texts}"]
 
     @property
     def _least_ber(self) -> float:
-        """Error rate at any power: one half where the tilt leaves the field of view."""
+        """Least error rate at any power: one half of the share of tilts out of the view."""
         return 0.5 * float(self.provenance.get("tilt_outage", 0.0))
 
     def _tilts(self, wind: str = "") -> list[str]:
-        """Return the share of the tilts of an aircraft that leave the field of view."""
+        """Describe the share of the tilts of an aircraft that leave the field of view."""
         note = tilt_outage_note(float(self.provenance.get("tilt_outage", 0.0)), wind)
         return [note] if note else []
 
@@ -229,14 +230,15 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         return f"range at BER {self.limit:g} ({100.0 * self.confidence:g} % interval)"
 
     def _range_lines(self, wind: str = "") -> list[str]:
-        """Return the range of each bit rate."""
+        """Describe the range of each bit rate, a line each that starts with the wind."""
         bers, least, start = self.estimates("ber"), self._least_ber, ""
-        # the tilt alone breaks the limit: the range is then that of the moments with light
+        # the tilt alone exceeds the limit: the range is then that while there is light
         if least >= self.limit:
             # BER = t / 2 + (1 - t) BER_inside with the share t of tilts out of the field of view,
             # least = t / 2
             bers = np.maximum(bers - least, 0.0) / (1.0 - 2.0 * least)
             start = "none at any power, by the tilt; within the field of view "
+        # bers.T[0]: the values without their limits, (bit_rates, depths)
         table = zip(self.bit_rates, self._ranges(bers, self.limit), bers.T[0], strict=True)
         return [
             f"{wind}{rate / 1e6:>7g} Mbit/s  {start}{self._range_text(estimate, ber)}"
@@ -244,17 +246,20 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         ]
 
     def _range_text(self, estimate: Estimate, ber: Floats) -> str:
-        """Return a range, or its bound if the error rates do not cross the limit."""
-        least, most = f"< {min(self.depths):g}", f"> {max(self.depths):g}"
+        """Return a range as text, or its bound if the error rates do not cross the limit.
+
+        `ber` holds the error rates by depth.
+        """
+        shallower, deeper = f"< {min(self.depths):g}", f"> {max(self.depths):g}"
         # no crossing: all depths work, or none does
         if math.isnan(estimate.value):
-            return f"{most if (ber < self.limit).all() else least} m"
-        low = least if math.isnan(estimate.low) else f"{estimate.low:.1f}"
-        high = most if math.isnan(estimate.high) else f"{estimate.high:.1f}"
+            return f"{deeper if (ber < self.limit).all() else shallower} m"
+        low = shallower if math.isnan(estimate.low) else f"{estimate.low:.1f}"
+        high = deeper if math.isnan(estimate.high) else f"{estimate.high:.1f}"
         return f"{estimate.value:.1f} m  ({low}..{high})"
 
     def _origin_lines(self) -> list[str]:
-        """Return the water, and the fading of the band of waves and of all waves in closed form."""
+        """Describe the water, and the fading by the band of waves and by all in closed form."""
         water = f"water: {water_of(self.provenance)}"
         closed = self.provenance.get("closed_form")
         if not closed:
@@ -267,15 +272,15 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         ]
 
     def _overloads(self) -> list[str]:
-        """Return a warning for each depth at which the detector loses most counts of a one."""
+        """Return a warning for each depth at which the detector loses most counts of a 1 bit."""
         ook, lines = self.ooks[0], []
         if not ook.saturation:
             return []
         unlimited = ook.model_copy(update={"saturation": False})
         for depth in self.depths:
-            # counts per second of a one without any dead time
+            # counts per second during a 1 bit, without any dead time; levels are (0 bit, 1 bit)
             level = float(unlimited.levels(self.at(depth).received_power.value)[1])
-            # share of the counts of a one that the dead time of the cells leaves
+            # share of them that the dead time of the cells leaves
             passed = float(ook.sipm.saturated_rate(level)) / level
             if passed < 0.5:
                 lines.append(
@@ -285,7 +290,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         return lines
 
     def _derived(self) -> Variables:
-        """Return the range of each bit rate."""
+        """Return the range of each bit rate for a file."""
         if len(self.depths) == 1:
             return {}
         ranges = np.transpose(self.range_at_ber())
@@ -305,10 +310,11 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         return super()._restored(data, provenance, ooks=ooks, responses=responses, fades=())
 
 
-_FLOOR = 1e-15  # of bit error rates in texts
+_FLOOR = 1e-15  # bit error rate below which texts say no more than that
 
 
 def _index(name: str, values: tuple[float, ...], wanted: float | None) -> int:
+    """Return the place of a value, by default the first; refuse one that is not there."""
     if wanted is None:
         return 0
     if wanted not in values:
@@ -322,9 +328,10 @@ def _ratio(ber: float, digits: int = 2) -> str:
 
 
 def _figures_line(f: OperatingPoint) -> str:
-    power = 10.0 * math.log10(max(f.received_power.value, 1e-300) / 1e-3)
-    known = f.ber.high >= _FLOOR
-    interval = f"{_ratio(f.ber.low)}..{_ratio(f.ber.high)}" if known else _ratio(f.ber.high)
+    """Return a line of the summary, with columns as wide as in its heading."""
+    power = 10.0 * math.log10(max(f.received_power.value, 1e-300) / 1e-3)  # [dBm]
+    above_floor = f.ber.high >= _FLOOR
+    interval = f"{_ratio(f.ber.low)}..{_ratio(f.ber.high)}" if above_floor else _ratio(f.ber.high)
     return (
         f"{f.depth:>5g} m{f.bit_rate / 1e6:>8g}{power:>10.2f}{f.margin_optical_db.value:>19.2f}"
         f"{f.margin_electrical_db.value:>12.2f}{_ratio(f.ber.value, 3):>13}{interval:>22}"
@@ -334,7 +341,7 @@ def _figures_line(f: OperatingPoint) -> str:
 
 
 def _cost(f: OperatingPoint) -> str:
-    """Return the penalty of the channel's response, as text."""
+    """Return the penalty of the channel's response as text."""
     if f.rms_delay_spread.value * f.bit_rate < SHORT:
         return f"below {SHORT:g} bit: taken as instantaneous"
     if math.isinf(f.dispersion_db):
@@ -345,6 +352,7 @@ def _cost(f: OperatingPoint) -> str:
 
 
 def _range(depths: tuple[float, ...], ber: Floats, target: float) -> float:
+    """Return the depth [m] at which error rates by depth meet a target; nan without one."""
     from scipy.special import ndtri
 
     # q of BER = Q(q): `depth_at` interpolates its logarithm, so that it has to be above 0
@@ -372,6 +380,7 @@ class DepthSweep(
     wind_speeds: Sequence[float]
     performances: tuple[LinkPerformance, ...]
 
+    # dimension of the stack in a file, and the name of its labels
     _along: ClassVar[tuple[str, str]] = ("wind_speed", "wind_speed")
 
     def _stack(self) -> tuple[Sequence[float], tuple[LinkPerformance, ...]]:
@@ -382,7 +391,7 @@ class DepthSweep(
         return f"winds {winds} m/s, {len(self.performances[0].depths)} depths"
 
     def range_at_ber(self, ber: float | None = None) -> Floats:
-        """Return ranges with their limits [m].
+        """Return the ranges of all winds and bit rates with their limits [m].
 
         Parameters
         ----------
@@ -396,7 +405,7 @@ class DepthSweep(
         return np.array([p.range_at_ber(ber) for p in self.performances])
 
     def summary(self) -> str:
-        """Return the ranges of all winds and bit rates as a text for the terminal."""
+        """Return the ranges of all winds and bit rates as text for a terminal."""
         first = self.performances[0]
         lines = [first._range_heading]
         pairs = list(zip(self.wind_speeds, self.performances, strict=True))
@@ -442,7 +451,8 @@ def link_performance(
 ) -> LinkPerformance | ByWavelength[LinkPerformance]:
     """Return error rate, outage, margin and capacity of a link over a random sea.
 
-    BER = E[BER(P h h_alpha)],  h from forced detection over independent seas
+    BER = E[BER(P h h_alpha)], with the power P of the lamp, the gain h from forced detection over
+    independent seas, and the tilt factor h_alpha of an aircraft
 
     Parameters
     ----------
@@ -494,8 +504,8 @@ def link_performance(
     Notes
     -----
     Intervals hold the spread of the seas (bootstrap for the error rate, Wilson for the outage) and
-    the Monte Carlo error that all seas have in common, by evaluating the figures at gains shifted
-    by that error; the two are added in quadrature. The tilt of an aircraft is no sample: its law is
+    the Monte Carlo error that all seas have in common, from the figures at gains shifted by that
+    error; the two are added in quadrature. The tilt of an aircraft is not sampled: its law is
     integrated over each sea (`uav.TiltLaw`), and the share of tilts beyond half of the field of
     view, with an error rate of one half at any power, is stated.
     A coupled series counts as its effective number of gains (`fading.effective_samples`).
@@ -530,8 +540,9 @@ def link_performance(
     '35 dB optical'
     """
     rates = (None,) if bit_rate is None else require_finite(bit_rate, "bit_rate", "rates [bit s-1]")
-    at = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
-    computed = dict[tuple[str, float], Any]() if at else None
+    at_nm = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
+    # gains and responses that all wavelengths share: the first one computes them
+    computed = dict[tuple[str, float], Any]() if at_nm else None
 
     def performance(link: Link | Scenario, day: Daylight | None) -> LinkPerformance:
         shallow = _shallowest(link, depths)
@@ -539,21 +550,21 @@ def link_performance(
         wind = getattr(campaign.scenario, "wind_speed", campaign.link.wind_speed)
         # names of loops in a store, which holds those of several winds and wavelengths
         name = "link" if wind is None else f"wind of {wind!r} m/s"
-        if at:
+        if at_nm:
             name += f", {campaign.link.transmitters[0].wavelength_nm!r} nm"
         campaign = campaign.for_link(campaign.link, name)
         detector = getattr(campaign.scenario, "detector", None)
-        base = (detector or "physical") if ook is None else ook
-        ooks = tuple(OokLink.of_link(campaign.link, base, rate) for rate in rates)
+        electronics = (detector or "physical") if ook is None else ook
+        ooks = tuple(OokLink.of_link(campaign.link, electronics, rate) for rate in rates)
         flown = campaign.flight(flight)
-        ensemble = Ensemble(campaign, realizations, flown, tuple(at), computed)
+        ensemble = Ensemble(campaign, realizations, flown, tuple(at_nm), computed)
         links = _links(ooks[0].channel(campaign.link), depths)
         return _over_depths(ensemble, links, ooks, light_of(campaign, day), limit, confidence)
 
-    if not at:
+    if not at_nm:
         return performance(link, daylight)
-    pairs = [(link.at_wavelength(nm), daylight and daylight.at_wavelength(nm)) for nm in at]
-    return ByWavelength(np.array(at), tuple(performance(*pair) for pair in pairs))
+    pairs = [(link.at_wavelength(nm), daylight and daylight.at_wavelength(nm)) for nm in at_nm]
+    return ByWavelength(np.array(at_nm), tuple(performance(*pair) for pair in pairs))
 
 
 def _over_depths(
@@ -561,52 +572,55 @@ def _over_depths(
     limit: float, confidence: float,
 ) -> LinkPerformance:  # fmt: skip
     """Return the performance of a link at each depth with each transmission."""
-    campaign = ensemble.campaign
-    fades = {depth: ensemble.samples(at) for depth, at in links.items()}
-    lights = _lights(ensemble, links, day)
-    seen = {depth: ensemble.response(ooks[0], at) for depth, at in links.items()}
+    campaign, seed = ensemble.campaign, ensemble.campaign.run.seed
+    fades = {depth: ensemble.samples(link) for depth, link in links.items()}
+    backgrounds = _backgrounds(ensemble, links, day)
+    # the response of the channel does not depend on the bit rate
+    means = {depth: ensemble.response(ooks[0], link) for depth, link in links.items()}
     points = [
         operating_point(
-            ook, depth, samples, limit, confidence, campaign.run.seed, lights[depth], seen[depth]
+            ook, depth, samples, limit, confidence, seed, backgrounds[depth], means[depth]
         )
         for depth, samples in fades.items()
         for ook in ooks
     ]
-    ooks, text = _lit(ooks, lights, campaign.link)
-    responses = [None if mean is None else mean.response for mean in seen.values()]
-    # a sea without random phases is one sea, however many are asked for
+    ooks, text = _exposed(ooks, backgrounds, campaign.link)
+    responses = [None if mean is None else mean.response for mean in means.values()]
+    # a sea without random phases is a single sea, whatever `realizations` says
     seas = ensemble.n if isinstance(campaign.surface, SeededSurface) else 1
     shallowest = next(iter(fades.values()))
-    origin = shallowest.series.provenance
-    origin = origin | closed_form(next(iter(links.values())), campaign.surface, seas, level=2)
-    origin |= {
+    first = next(iter(links.values()))
+    provenance = shallowest.series.provenance
+    provenance = provenance | closed_form(first, campaign.surface, seas, level=2)
+    provenance |= {
         "ook": [ook.model_dump(mode="json") for ook in ooks],
         "daylight": day.model_dump(mode="json") if day else None,
         "responses": [response and response.model_dump(mode="json") for response in responses],
     }
-    origin |= ensemble.provenance() | {"tilt_outage": shallowest.tilt.outage}
+    provenance |= ensemble.provenance() | {"tilt_outage": shallowest.tilt.outage}
     return LinkPerformance(
         tuple(fades), ooks, tuple(points), tuple(fades.values()), limit, confidence,
-        ooks[0].status, origin, text, tuple(responses),
+        ooks[0].status, provenance, text, tuple(responses),
     )  # fmt: skip
 
 
-def _lit(
-    ooks: tuple[OokLink, ...], lights: dict[float, Background | None], link: Link
+def _exposed(
+    ooks: tuple[OokLink, ...], backgrounds: dict[float, Background | None], link: Link
 ) -> tuple[tuple[OokLink, ...], str]:
-    """Return the transmissions under the background at the first depth, and a text on it."""
-    depth, background = next(iter(lights.items()))
+    """Return the transmissions under the background at the first depth, and a text about it."""
+    depth, background = next(iter(backgrounds.items()))
     if background is None:
         return ooks, DARK
     exposed = tuple(with_background(ook, background) for ook in ooks)
     warn_of_background(exposed[0], background)
     text = described(exposed[0], background)
-    if link.direction == "down" and len(lights) > 1:
+    # a receiver in the water sees another background at each depth
+    if link.direction == "down" and len(backgrounds) > 1:
         text += f", at {depth:g} m"
     return exposed, text
 
 
-def _lights(
+def _backgrounds(
     ensemble: Ensemble, links: dict[float, Link], day: Daylight | None
 ) -> dict[float, Background | None]:
     """Return the background at each depth, once for each receiver."""
@@ -633,7 +647,7 @@ def _links(link: Link, depths: Sequence[float] | None) -> dict[float, Link]:
 
 
 def _shallowest(link: Link | Scenario, depths: Sequence[float] | None) -> Link | Scenario:
-    """Return the link or scenario at the first depth, whose light fades by the shortest waves."""
+    """Return the link or scenario at the first depth, where the shortest waves matter most."""
     if depths is None or not isinstance(link, Link | Scenario):
         return link
     if isinstance(link, Scenario):
@@ -652,7 +666,7 @@ def depth_sweep(
     flight: Flight | None = None,
     **options: Unpack[PerformanceOptions],
 ) -> DepthSweep:
-    """Return the curves of the bit error rate over depth, each with its confidence band.
+    """Return the curves of the bit error rate over depth with their confidence bands.
 
     Parameters
     ----------
@@ -667,7 +681,7 @@ def depth_sweep(
     realizations : int
         Seas at each depth.
     flight : Flight, optional
-        Aircraft that carries the end in the air, by default in each of the winds.
+        Aircraft that carries the end in the air; without a wind it flies in each of the winds.
     **options
         As in `link_performance`: `ook`, `limit`, `confidence`, ...
 
@@ -686,20 +700,19 @@ def depth_sweep(
     performances = []
     speeds = require_finite(wind_speeds, "wind_speeds", "one or more wind speeds [m/s]").tolist()
     for speed in speeds:
-        at: Link | Scenario
+        windy: Link | Scenario
         if isinstance(link, Scenario):
-            at = link.model_copy(update={"link": link.link.in_wind(speed), "wind_speed": speed})
+            windy = link.model_copy(update={"link": link.link.in_wind(speed), "wind_speed": speed})
         else:
-            at = link.in_wind(speed)
+            windy = link.in_wind(speed)
         # an aircraft without a wind of its own flies in that of the sea below
         flown = flight
         if flight is not None and flight.wind is None:
-            bare = link.link if isinstance(link, Scenario) else link
-            height = bare.air_end[1].height
+            height = (link.link if isinstance(link, Scenario) else link).air_end[1].height
             flown = flight._replace(wind=Dryden(wind_speed=speed, height=height))
         result = link_performance(
-            at, sea_in_wind(speed), bit_rate=bit_rate, depths=depths, realizations=realizations,
-            flight=flown, **options,
+            windy, sea_in_wind(speed), bit_rate=bit_rate, depths=depths,
+            realizations=realizations, flight=flown, **options,
         )  # fmt: skip
         performances.append(result)
     return DepthSweep(tuple(speeds), tuple(performances))

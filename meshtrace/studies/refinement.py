@@ -34,16 +34,16 @@ from meshtrace.stored import SHIFTS, Variable
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.cluster import Restored
 
-# light that the waves tilt crosses beyond the reach over still water
-_MARGIN = 2.0  # [m], mesh beyond the farthest crossing to the receiver
-_PROBES = 64  # per axis: where slopes are compared
+# tilted by waves, light crosses beyond its reach over still water
+_MARGIN = 2.0  # [m] of mesh beyond the farthest crossing to the receiver; tuned: time, light missed
+_PROBES = 64  # points on each axis of the square where slopes are compared; tuned: time, noise
 
 Normals = Literal["vertex", "facet"]
 Unresolved = Literal["tilt", "none"]
 
 
 def descending(name: str, values: Sequence[float]) -> list[float]:
-    """Return at least four different positive values from large to small."""
+    """Return at least four different positive values, from large to small; refuse others."""
     allowed = "at least four different values"
     numbers = require_array(values, name, allowed)
     if numbers.ndim != 1:
@@ -64,7 +64,7 @@ def normal_kinds(normals: Sequence[Normals]) -> tuple[Normals, ...]:
 
 
 def multiple_of(name: str, ratio: float) -> int:
-    """Return a ratio as an integer; refuse one that is none, up to rounding."""
+    """Return a whole ratio as an integer; refuse others, up to rounding."""
     if abs(ratio - round(ratio)) > 1e-9 * ratio:
         raise Refused(name, f"{ratio:g} half-steps", "multiples of the shortest step")
     return round(ratio)
@@ -73,10 +73,12 @@ def multiple_of(name: str, ratio: float) -> int:
 def nested_mesh(
     link: Link, sea: SurfaceModel, time: float, spacing: float, shift: Floats
 ) -> TriangleMesh:
-    """Return a uniform mesh over all crossings, `shift` in periods of its triangles off the origin.
+    """Return a uniform mesh over all crossings, moved off the origin by a shift (2,).
 
-    Without a shift the lines lie at the multiples of the spacing, so that they nest when it halves.
+    The shift is in periods of the triangles, two cells each. Without one the lines lie at multiples
+    of the spacing, so that they nest when it halves.
     """
+    # a cell more on each side, as the shift moves the mesh
     cells = math.ceil((crossing_reach(link) + _MARGIN) / spacing) + 1
     # the diagonals alternate from cell to cell: the pattern repeats after two cells
     x, y = 2.0 * spacing * shift
@@ -93,7 +95,7 @@ def probes(reach: float) -> tuple[Floats, Floats]:
 
 
 def placement_shifts(n: int) -> Floats:
-    """Return shifts of a mesh in periods of its triangles (two cells), (n, 2): a lattice.
+    """Return a lattice of n shifts of a mesh (n, 2), in periods of its triangles (two cells).
 
     The diagonals alternate: a shift by one cell along both axes gives the same triangles, so
     that the lattice fills half a square of two cells.
@@ -104,7 +106,8 @@ def placement_shifts(n: int) -> Floats:
     # discrepancy; coprime to n, so that all points differ
     step = next(a for a in range(round(n / 1.618), n + 1) if math.gcd(a, n) == 1)
     k = np.arange(n)
-    along, across = (k + 0.5) / n, (step * k / n + 0.5 / n) % 1.0
+    along, across = (k + 0.5) / n, (step * k / n + 0.5 / n) % 1.0  # of the unit square
+    # turned by 45 deg: that half is a square whose edges are the diagonals of cells
     return 0.5 * np.stack([along + across - 1.0, along - across], axis=1)
 
 
@@ -128,7 +131,7 @@ class CommonChains(Restored):
     unresolved : {"none", "tilt"}
         Slopes of the waves that each mesh leaves out.
     highest : SurfaceModel, optional
-        Sea with the highest crests of all, by default that of the campaign.
+        Sea with the highest crests of all in the study, by default that of the campaign.
     """
 
     def __init__(
@@ -141,7 +144,8 @@ class CommonChains(Restored):
     ) -> None:
         link, highest = campaign.link, highest or campaign.sea
         self.kinds, self.receiver, self.campaign = normal_kinds(normals), receiver, campaign
-        # half a metre finds the highest crest well enough, which bounds where chains may cross
+        # a spacing of half a metre shows well enough how high crests are: chains expect collisions
+        # up to there
         coarse = nested_mesh(link, highest, campaign.meshing.time, 0.5, np.zeros(2))
         self._typical = TypicalSea(float(coarse.bounds[1, 2]))
         require_whole(receiver, 0, len(link.receivers) - 1, "receiver")
@@ -154,6 +158,8 @@ class CommonChains(Restored):
 
     def _chains(self, kind: Normals) -> ForcedDetection:
         """Return the chains over surfaces with one kind of normals."""
+        # chains alone, as they are common to all surfaces, and all crossings of each: no noise by
+        # a choice of them
         run = self.campaign.run
         planner = Planner(
             self.link, run.seed, kind, sea=self._typical, search="thorough", scattered="chains"
@@ -168,10 +174,10 @@ class CommonChains(Restored):
         """
         began = clock.perf_counter()
         mesh = case()
-        made = clock.perf_counter()
+        meshed = clock.perf_counter()
         # built here, although the first ray would do it: its time is one of the results
         intersector = EmbreeIntersector(mesh, 1).built()
-        times = made - began, clock.perf_counter() - made
+        times = meshed - began, clock.perf_counter() - meshed
         table = []
         for kind, forced in self._forced.items():
             start = clock.perf_counter()
@@ -186,10 +192,10 @@ class CommonChains(Restored):
     def measure_all(
         self, cases: Sequence[MakeMesh], recorded: dict[str, Any], photons: int = ANALOG_PHOTONS
     ) -> Floats:
-        """Return the numbers of `measure` of each mesh, shape (kinds, cases, numbers).
+        """Return the numbers of `measure` for each mesh, shape (kinds, cases, numbers).
 
-        `photons` are those of the share of total reflection, 0 for none; `recorded` are the
-        options that identify the meshes.
+        `photons` are those of the share of total reflection, 0 for none; `recorded` holds the
+        options of the study that tell its meshes from others in a store.
         """
         identity = recorded | {
             "kinds": list(self.kinds),
@@ -200,30 +206,36 @@ class CommonChains(Restored):
         def setup() -> Callable[[int], Floats]:
             return lambda i: self.measure(cases[i], photons)
 
-        # gain by shift, then the six numbers of `measure`
+        # gain by shift, then the six other numbers of `measure`
         shape = len(self.kinds), SHIFTS + 6
+        # "meshes": the name of the loop in a store, and that of its steps in announcements
         results = self.campaign.evaluate(
             setup, range(len(cases)), "meshes", identity, lambda step: shape, "meshes"
         )
         return np.stack(list(results), axis=1)
 
     def exact(self, sea: WaveSum, spacing: float) -> Reference:
-        """Return the gain over the exact sum of waves, from crossings found on a mesh [m]."""
+        """Return the gain over the exact sum of waves.
+
+        The search for crossings starts from those of a mesh of a spacing [m].
+        """
         forced, time = self._chains("vertex"), self.campaign.meshing.time
+        # the link as arrays in a local frame, in which waves and crossings are, too
         link, mesh = forced.arrays, nested_mesh(self.link, sea, time, spacing, np.zeros(2))
         aimed, waves = forced.planner.aim_over(mesh), waves_at(sea, time, link.frame)
+        # scattered gain by shift; unscattered gain and its error
         scattered, direct = np.zeros(SHIFTS), np.zeros(2)
         counters = np.zeros(len(analytic.Moved), np.int64)
         for source, power in enumerate(link.power):
             scene = aimed.scene(link.emitters[source], link.targets[0])
             for chains in map(forced.drawer.whole, forced.scattered_sets[source]):
-                # the crossings of the mesh are the starts of Newton on the exact surface: so each
-                # chain keeps its crossing, and the difference of the gains is that of the surfaces
-                # alone
+                # Newton on the exact surface starts from the crossings of the mesh: each chain
+                # keeps its crossing, and the gains differ by the surfaces alone
                 _, arrivals = aimed.aim(source, 0, chains, keep=True)
                 score = np.zeros(len(chains.audit))
                 analytic.move_crossings(chains.chains, arrivals, waves, scene, score, counters)
                 scattered += power * score.reshape(SHIFTS, -1).mean(axis=1)
+            # facets that send light straight to the aperture
             crossings = aimed.centroids[np.flatnonzero(aimed.direct_gains(source, 0))]
             # two orders of one rule: their difference bounds the error of the finer one
             coarse, fine = (_direct(waves, scene, crossings, n) for n in (4, 8))
@@ -241,15 +253,16 @@ class CommonChains(Restored):
 
 
 def _slope_variance(intersector: EmbreeIntersector, kind: Normals, reach: float) -> float:
-    """Return the mean square slope of the normals that light meets, along plus across."""
+    """Return the mean square slope of the normals that light meets, along x plus along y."""
     x, y = probes(reach)
     mesh = intersector.mesh
     # rays straight down from above all crests hit the surface at the probes
     top = np.full(len(x), mesh.bounds[1, 2] + 1.0)
     down = np.broadcast_to((0.0, 0.0, -1.0), (len(x), 3))
     hits = intersector.intersect(np.stack([x, y, top], axis=1), down)
-    seen = hits.facet >= 0
-    facet, u, v = hits.facet[seen], hits.u[seen, None], hits.v[seen, None]
+    hit = hits.facet >= 0
+    # barycentric coordinates (1 - u - v, u, v) of the corners
+    facet, u, v = hits.facet[hit], hits.u[hit, None], hits.v[hit, None]
     if kind == "facet":
         normal = mesh.face_normals[facet]
     else:
@@ -265,9 +278,9 @@ def _total_reflection(
     """Return the share of the photons coming from below that are totally reflected."""
     if photons == 0:
         return math.nan
-    # photons meet the surface once and keep their weight: the share is one of counts
-    once = {"reflected": "kill", "second_hit": "ignore", "absorption": "analog"}
-    link = link.model_copy(update={"physics": link.physics.model_copy(update=once)})
+    # photons meet the surface once and keep their weight, so that they can be counted
+    single_hit = {"reflected": "kill", "second_hit": "ignore", "absorption": "analog"}
+    link = link.model_copy(update={"physics": link.physics.model_copy(update=single_hit)})
     sums = run_analog(link, intersector, photons=photons, seed=seed, normals=kind)
     # a photon counts as landed if any of its light leaves: a reflected one left none
     reflected = int(sums.count[Fate.REFLECTED])
@@ -321,16 +334,18 @@ def _finely_meshed(
     crossings: Floats,
     spacing: float,
 ) -> tuple[float, float]:
-    """Return the unscattered gain by a fine mesh of the crossing region, and extrapolated.
+    """Return the unscattered gain over a fine mesh of the crossings, and that extrapolated.
 
-    The image of a mesh adds up at a caustic, where the light on a point has no bound.
+    For a caustic on the aperture, where the light on a point has no bound: the light that a mesh
+    sends through each facet has one, and adds up. `crossings` are in the local frame, `spacing` [m]
+    is that of the mesh on which they were found.
     """
     metres = forced.arrays.frame.metres(crossings)[:, :2]
     low, high = metres.min(axis=0), metres.max(axis=0)
     extent = 0.5 * float((high - low).max()) + 2.0 * spacing
     center = tuple(0.5 * (low + high))
     gains = []
-    for parts in (8, 16):
+    for parts in (8, 16):  # of a spacing: h and h / 2 for the extrapolation
         # at most 500 cells to the rim, so that memory is bounded
         mesh = sea.mesh(time, extent, max(spacing / parts, extent / 500.0), center=center)
         gains.append(float(forced.planner.aim_over(mesh).direct_gains(source, 0).sum()))
@@ -339,10 +354,11 @@ def _finely_meshed(
 
 
 def _direct(waves: analytic.Waves, scene: Scene, crossings: Floats, rings: int) -> float:
-    """Return the unscattered gain by quadrature over the aperture."""
+    """Return the unscattered gain over the exact surface by quadrature over the aperture."""
     points = _aperture_points(rings)
-    score, room = np.zeros(len(points.weight)), np.empty(len(crossings), ROOT)
-    analytic.direct_light(points, crossings, waves, scene, room, score)
+    # room for the crossings of one point, at most one from each start
+    score, roots = np.zeros(len(points.weight)), np.empty(len(crossings), ROOT)
+    analytic.direct_light(points, crossings, waves, scene, roots, score)
     return float(score.sum())
 
 
@@ -358,6 +374,7 @@ def _aperture_points(rings: int) -> Chains:
     azimuth = 2.0 * math.pi * (np.arange(azimuths) + 0.5) / azimuths
     disk = radius[:, None, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
     n = rings * azimuths
+    # no vertices: the open segment starts at the source, and no random slope tilts the surface
     return Chains(
         vertex=np.zeros((n, 0, 3)),
         kind=np.zeros((n, 0), np.int8),
@@ -377,7 +394,7 @@ def waves_at(sea: WaveSum, time: float, frame: Frame = IDENTITY) -> analytic.Wav
         np.ascontiguousarray(waves.amplitude) / frame.unit,
         np.ascontiguousarray(waves.kx) * frame.unit,
         np.ascontiguousarray(waves.ky) * frame.unit,
-        # an origin moved by (x, y) turns the phase of each wave by -k x
+        # an origin moved by x = (x, y) changes the phase of each wave by -k.x
         waves.omega * time + waves.phase - waves.kx * frame.x - waves.ky * frame.y,
     )
 
@@ -388,17 +405,17 @@ def is_wave_sum(sea: Any) -> TypeGuard[WaveSum]:
 
 
 def wave_sum(sea: SurfaceModel) -> WaveSum:
-    """Return a sea that is a sum of waves; refuse others."""
+    """Return the sea if it is a sum of waves; refuse others."""
     if not is_wave_sum(sea):
         kind = "a choppy sea" if getattr(sea, "choppy", False) else type(sea).__name__
         raise Refused("reference", f"analytic for {kind}", "None: not a sum of waves")
     return sea
 
 
-_REPLICATES = 2000  # of the bootstrap
-_LEVEL = 0.95
-_REWEIGHTINGS = 4  # of the fit by its own misfit
-_ORDERS = np.linspace(0.5, 6.0, 1101)  # of the fit
+_REPLICATES = 2000  # of the bootstrap; tuned: time, noise of the limits
+_LEVEL = 0.95  # of the intervals
+_REWEIGHTINGS = 4  # rounds of misfit and weights; tuned: time, digits
+_ORDERS = np.linspace(0.5, 6.0, 1101)  # orders p that are tried, in steps of 0.005
 
 
 class Fit(NamedTuple):
@@ -421,8 +438,9 @@ def fit_law(step: Floats, differences: Floats, anchor: float, spread: Floats | N
     anchor : float
         Reference of the differences.
     spread : ndarray, shape (n,), optional
-        Further error of each mean, absolute and in proportion; by default the law leaves
-        out something in proportion to h^2.
+        Standard error of each mean besides that of the chains; the residuals may show that it is
+        larger by a factor. By default it is in proportion to h^2, which the law leaves out, and
+        the factor is fitted.
 
     Returns
     -------
@@ -431,75 +449,77 @@ def fit_law(step: Floats, differences: Floats, anchor: float, spread: Floats | N
     n, shifts = differences.shape
     h = step / step[0]
     y, noise = differences.mean(axis=1), error_of_groups(differences, -1)
-    shape, least = (h**2, 0.0) if spread is None else (spread, 1.0)
+    # errors of the steps are hypot(noise, misfit * profile), with a factor misfit >= least
+    profile, least = (h**2, 0.0) if spread is None else (spread, 1.0)
     # the first fit trusts fine steps: what the law leaves out grows with the step
     sigma = h**2
     # the misfit follows from the fit and the weights of the fit from the misfit: a few rounds do
     for _ in range(_REWEIGHTINGS):
         order, offset, slope = _least_squares(h, y[None], sigma)
-        misfit = max(_misfit(y - offset - slope * h**order, noise, shape), least)
-        sigma = np.hypot(noise, misfit * shape) + 1e-300
+        misfit = max(_misfit(y - offset - slope * h**order, noise, profile), least)
+        sigma = np.hypot(noise, misfit * profile) + 1e-300  # above 0: weights are 1 / sigma^2
     order, offset, slope = _least_squares(h, y[None], sigma)
     # a fixed seed: the same study has the same interval
     rng = np.random.default_rng(n * shifts)
+    # bootstrap over the shifts: the same ones at all steps, (replicates, n)
     resampled = differences[:, rng.integers(shifts, size=(_REPLICATES, shifts))].mean(axis=2).T
-    # a misfit that was fitted is itself known from n - 3 residuals only: Student's distribution
+    # a fitted misfit is itself known from n - 3 residuals only: Student's distribution
     fitted = misfit > least
     scale = np.sqrt((n - 3) / rng.chisquare(n - 3, (_REPLICATES, 1))) if fitted else 1.0
-    # beside the chains, which the bootstrap resamples, each step has its misfit
-    left = misfit * shape * scale * rng.standard_normal((_REPLICATES, n))
-    orders, offsets, _ = _least_squares(h, offset + slope * h**order + resampled - y + left, sigma)
+    # besides the chains, which the bootstrap resamples, each step errs by the misfit
+    added = misfit * profile * scale * rng.standard_normal((_REPLICATES, n))
+    orders, offsets, _ = _least_squares(h, offset + slope * h**order + resampled - y + added, sigma)
     # percentiles: the distribution of the order is skew where it is hardly known
     tail = 0.5 * (1.0 - _LEVEL)
     limits = np.quantile([orders, offsets], (tail, 1.0 - tail), axis=1)
     return Fit(
         Estimate(float(order[0]), *map(float, limits[:, 0])),
         Estimate(anchor + float(offset[0]), *(anchor + float(v) for v in limits[:, 1])),
-        float(slope[0] * step[0] ** -order[0]),
+        float(slope[0] * step[0] ** -order[0]),  # C of h^p, from that of (h / h_0)^p
     )
 
 
-def _misfit(residual: Floats, noise: Floats, shape: Floats) -> float:
-    """Return the m >= 0 of errors hypot(noise, m shape) that the residuals of the fit have.
+def _misfit(residual: Floats, noise: Floats, profile: Floats) -> float:
+    """Return the m >= 0 with which errors hypot(noise, m profile) explain the residuals of a fit.
 
-    sum r^2 / (noise^2 + m^2 shape^2) = n - 3, as R. C. Paule and J. Mandel, J. Res. Natl.
+    sum r^2 / (noise^2 + m^2 profile^2) = n - 3, as R. C. Paule and J. Mandel, J. Res. Natl.
     Bur. Stand. 87, 377 (1982), doi:10.6028/jres.087.022: noise is not counted twice.
     """
     freedom = len(residual) - 3
 
     def excess(m: float) -> float:
-        return float(np.sum(residual**2 / (noise**2 + (m * shape) ** 2 + 1e-300))) - freedom
+        return float(np.sum(residual**2 / (noise**2 + (m * profile) ** 2 + 1e-300))) - freedom
 
     # without any noise the equation has this solution; noise only lowers it
-    most = math.sqrt(float(np.sum((residual / shape) ** 2)) / freedom)
+    most = math.sqrt(float(np.sum((residual / profile) ** 2)) / freedom)
     if excess(0.0) <= 0.0 or excess(most) >= 0.0:
         return 0.0 if excess(0.0) <= 0.0 else most
     return float(brentq(excess, 0.0, most))
 
 
 def _least_squares(h: Floats, y: Floats, sigma: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return p, g_0 and C for each row of y (rows, n), errors in proportion to sigma.
+    """Return p, g_0 and C for each row of y (rows, n), whose errors are in proportion to sigma.
 
-    For a given order the law is linear: the best order is looked up on a fine grid.
+    At a fixed order the law is linear: the best order is looked up on a fine grid.
     """
     # scaled before the square: errors may be as small as 1e-300
     weight = (sigma / sigma.max()) ** -2
     weight /= weight.sum()
     power = h ** _ORDERS[:, None]
     power_mean = power @ weight
-    power = power - power_mean[:, None]
+    power = power - power_mean[:, None]  # (orders, n)
     mean = y @ weight
     covariance = (weight * (y - mean[:, None])) @ power.T  # (rows, orders)
     variance = (weight * power**2).sum(axis=1)
-    # what a straight line over h^p explains of the variance of y
+    # the order whose straight line over h^p explains most of the variance of y
     best = np.argmax(covariance**2 / variance, axis=1)
     slope = covariance[np.arange(len(y)), best] / variance[best]
     return _ORDERS[best], mean - slope * power_mean[best], slope
 
 
 def largest_step(step: Floats, error: Floats, limit: float) -> float:
-    """Return the largest step with all errors from there on below a limit, or nan."""
-    # the largest error from a step on to finer ones: a chance zero crossing at a coarse step is no
-    # accuracy; errors follow power laws, so that logarithms are interpolated
+    """Return the largest step at which, and below which, all errors are below a limit, or nan."""
+    # from fine to coarse, the largest error so far: one that happens to cross zero at a coarse step
+    # is no accuracy. Errors follow power laws, so that logarithms are interpolated
     worst = np.log(np.maximum(np.maximum.accumulate(error[::-1]), 1e-300))
     return float(np.exp(np.interp(math.log(limit), worst, np.log(step[::-1]), left=math.nan)))

@@ -1,4 +1,8 @@
-"""Sensitivities: derivatives of a link's quantities by its parameters, with common chains."""
+"""Sensitivities: derivatives of a link's quantities by its parameters, with common chains.
+
+Symbols: q quantity, p parameter, h gain of the link. Logarithmic derivatives are d ln q / d ln p,
+or d ln q / dp of an offset or an angle, whose base may be 0.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +58,7 @@ from meshtrace.studies.response import MOST_SEAS, Responses
 from meshtrace.tables import text_table
 from meshtrace.uav import Flight, TiltFactors, Uav
 
-_FARTHEST = 0.3  # change of a logarithm that a first-order forecast may reach
+_MOST_FORECAST = 0.3  # tuned: |change of ln p, or of ln q| up to which the first order may be used
 
 
 class Value(NamedTuple):
@@ -125,7 +129,7 @@ class Table(tuple[Row, ...]):
     @overload
     def __getitem__(self, key: slice) -> tuple[Row, ...]: ...
     def __getitem__(self, key: Any) -> Any:
-        """Return a row by number or name."""
+        """Return a row by its number or by the name of its parameter."""
         if not isinstance(key, str):
             return super().__getitem__(key)
         names = [row.name for row in self]
@@ -143,7 +147,7 @@ class Sensitivities(Stored, kind="sensitivity", title="meshtrace sensitivities")
     of : str
         Quantity: "gain", "ber", "outage", "range", "margin" or "capacity".
     value, stderr : float
-        The quantity and its standard error, of the chains and of the seas.
+        The quantity and its standard error, from the spread over chains and seas.
     unit : str
         Its unit.
     table : Table
@@ -199,9 +203,9 @@ class Sensitivities(Stored, kind="sensitivity", title="meshtrace sensitivities")
     def covariance(self) -> Floats:
         """Return the covariance of the derivatives in the order of the table, shape (n, n).
 
-        The common chains and seas correlate them.
+        They are correlated, as all come from the same chains and seas.
         """
-        # a derivative is its logarithmic derivative times a factor without error
+        # a derivative is its logarithmic derivative times a factor that has no error
         factor = [row.derivative / row.log if row.log != 0.0 else 0.0 for row in self.table]
         return self.logs * np.outer(factor, factor)
 
@@ -227,36 +231,42 @@ class Sensitivities(Stored, kind="sensitivity", title="meshtrace sensitivities")
             If a parameter is not in the table or changes by more than |ln(p' / p)| = 0.3.
         """
         require_keys(changes, [row.name for row in self.table])
-        weight, curved = np.zeros(len(self.table)), 0.0
+        # steps in ln p, or in p of offsets and angles; 0 for parameters that do not change
+        steps, second_order = np.zeros(len(self.table)), 0.0
         for i, row in enumerate(self.table):
             if row.name in changes:
-                weight[i], bend = _step(row, changes[row.name])
-                curved += bend
-        change = float(weight @ np.array([row.log for row in self.table])) + curved
-        spread = math.sqrt(weight @ self.logs @ weight)
-        if self.of == "margin":
-            error = math.hypot(self.stderr, DECIBELS * spread)
+                steps[i], bend = _step(row, changes[row.name])
+                second_order += bend
+        # change of ln q and its standard error sigma
+        change = float(steps @ np.array([row.log for row in self.table])) + second_order
+        sigma = math.sqrt(steps @ self.logs @ steps)
+        if self.of == "margin":  # in dB it is a logarithm already
+            error = math.hypot(self.stderr, DECIBELS * sigma)
             return Value(self.value + DECIBELS * change, error)
         if self.of == "range":
-            return Value(self.value * (1.0 + change), math.hypot(self.stderr, self.value * spread))
+            return Value(self.value * (1.0 + change), math.hypot(self.stderr, self.value * sigma))
         value = self.value * math.exp(change)
-        return Value(value, value * math.hypot(self.stderr / self.value, spread))
+        return Value(value, value * math.hypot(self.stderr / self.value, sigma))
 
 
 def _step(row: Row, value: float) -> tuple[float, float]:
-    """Return the change that weights the logarithmic derivative, and the second-order part."""
+    """Return the step in p or ln p, and the second-order part of the change of ln q.
+
+    The step multiplies `Row.log`. Too large a change is refused.
+    """
     value = require_real(value, row.name, "a finite number")
     if math.isnan(row.elasticity):
         step = value - row.base
         bend = 0.5 * np.nan_to_num(row.second) * step**2
-        if not abs(row.relative * step + bend) <= _FARTHEST:
-            raise Refused(row.name, value, f"a change of the logarithm up to {_FARTHEST:g}")
+        # "not <=" refuses nan, too
+        if not abs(row.relative * step + bend) <= _MOST_FORECAST:
+            raise Refused(row.name, value, f"a change of the logarithm up to {_MOST_FORECAST:g}")
         return step, float(bend)
-    # the elasticity counts from where the relative steps do: 1 for the index of the particles
+    # p of an elasticity may be measured from an origin (`Parameter.origin`): n - 1 of the particles
     scale = row.elasticity / row.relative if row.relative != 0.0 else row.base
     ratio = 1.0 + (value - row.base) / scale
-    if not ratio > 0.0 or abs(math.log(ratio)) > _FARTHEST:
-        low, high = (row.base + scale * math.expm1(s * _FARTHEST) for s in (-1.0, 1.0))
+    if not ratio > 0.0 or abs(math.log(ratio)) > _MOST_FORECAST:
+        low, high = (row.base + scale * math.expm1(s * _MOST_FORECAST) for s in (-1.0, 1.0))
         raise Refused(row.name, value, f"{low:.4g} <= {row.name} <= {high:.4g}")
     return math.log(ratio), 0.0
 
@@ -264,12 +274,12 @@ def _step(row: Row, value: float) -> tuple[float, float]:
 DEFAULT_CHAINS = 8192
 """Chains of a study of sensitivities."""
 
-_DIRECT = 1e-3  # step in ln p by which exact derivatives of the gain act on other quantities
-_DOUBT = 3.0  # standard errors by which two steps may differ
-_BEND = 2e-3  # of the elasticity, by which they may differ as the square of the step
+_GAIN_STEP = 1e-3  # step in ln p over which a known dh / d ln p moves the gain: q is linear over it
+_SUSPICIOUS = 3.0  # standard errors by which derivatives over two steps may differ
+_CURVATURE = 2e-3  # tuned: relative difference of the two that the curvature of q explains
 _MODELS: dict[str, Any] = {"ook": OokLink, "daylight": Daylight, "uav": Uav}  # beside link and sea
-_HALVED = 2  # places in `WINDOWS` from one to that of half its width: they shrink by sqrt(2)
-_KEPT = 4  # meshes of the base sea that stay in memory
+_HALF = 2  # places in `WINDOWS` from one to that of half its width: they shrink by sqrt(2)
+_MESHES = 4  # of the base sea in memory; tuned: memory against making them again
 
 
 @check_call
@@ -306,7 +316,7 @@ def sensitivities(
         Quantity. "range" is the depth at which the error rate, averaged over the seas, meets
         `limit`; with `ook=None` it is the depth of the link, at a fixed gain.
     realizations : int
-        Seas; 1 is the sea as it is, more have their own phases.
+        Number of seas: 1 is the sea as it is, several have random phases each.
     ook : OokLink or {"physical", "paper", "paper-ranges"}, optional
         Transmission, for all but the gain.
     step : float, optional
@@ -317,7 +327,7 @@ def sensitivities(
     bit_rate : float, optional
         Bit rate R_b [bit s-1], by default that of the transmission.
     **run
-        Options of the run, see `StudyOptions`: 8192 chains by default, progress by parameter.
+        Options of the run, see `StudyOptions`: 8192 chains by default; progress counts parameters.
 
     Returns
     -------
@@ -331,15 +341,15 @@ def sensitivities(
 
     Notes
     -----
-    By a and b in uniform water the derivative is a moment of the arrivals, with K scatterings
-    and the path L in the water,
+    The derivative by a or b of uniform water is a moment of the arrivals, with K scatterings and
+    the path length L in the water,
 
         E_a = -a <L>,    E_b = <K> - b <L>;
 
-    by the field of view it is the light that arrives at its edge: of unscattered light exactly, of
-    scattered light by a window with a kernel of fourth order, the widest one up to half of the
+    that by the field of view is the light that arrives at its edge: exact for unscattered light;
+    for scattered light by a window with a kernel of fourth order, the widest one up to half of the
     half-angle that agrees with all narrower ones (the few arrivals between two views of nearly the
-    same width, and so the difference of their gains, are mostly noise); otherwise a central
+    same width, and so the difference of their gains, are mostly noise); any other is a central
     difference over links that share chains, mesh and every choice of the estimator:
 
         E_p = [ln q(p e^s) - ln q(p e^-s)] / (2 s).
@@ -370,7 +380,8 @@ def sensitivities(
     >>> [round(row.elasticity, 2) for row in s.table]
     [-1.14, -0.08]
     """
-    # means over the seas do not need the short waves, distributions do
+    # short waves make the light fade: distributions over the seas need them, means do not. A range
+    # without a transmission is that of a mean gain
     fading = realizations > 1 and of in FADES and (of != "range" or ook is not None)
     campaign = campaign_of(
         link, surface, "sensitivities", run, fading=fading, several=False, chains=DEFAULT_CHAINS
@@ -386,28 +397,30 @@ def sensitivities(
     variant = Variant(campaign.link, campaign.surface)
     if electronics is not None:
         uav = getattr(campaign.scenario, "uav", None)
-        whole = electronics.channel(campaign.link)
-        variant = Variant(whole, campaign.surface, electronics, light_of(campaign, None), uav)
-    # before the range is searched, which takes long: names may be wrong
-    names = parameters(variant, wrt, step, normals)
+        channel = electronics.channel(campaign.link)
+        variant = Variant(channel, campaign.surface, electronics, light_of(campaign, None), uav)
+    # names are checked here: the search of the range takes long
+    wanted = parameters(variant, wrt, step, normals)
     if of == "range" and variant.detector is not None:
         variant = _at_range(variant, campaign, realizations, quantity)
-        names = parameters(variant, [p.name for p in names], step, normals)
-    asked = [p.name for p in names]
+        # bases and steps are those at the range
+        wanted = parameters(variant, [p.name for p in wanted], step, normals)
+    asked = [p.name for p in wanted]
     depth = depth_key(variant.link)
-    # the range follows from the derivative by the depth
+    # every derivative of the range is over that by the depth, see `_of_range`
     if of == "range" and depth not in asked:
-        names += parameters(variant, [depth], None, normals)
+        wanted += parameters(variant, [depth], None, normals)
     study = Study(variant, campaign, realizations, quantity)
-    rates = []
+    derivatives = []
+    # ln 0 of a tilt out of the field of view is -inf, which the tables of `Quantity` clip
     with np.errstate(divide="ignore"), campaign.workers():
-        for p in names:
-            rates.append(study.derivatives(p))
+        for p in wanted:
+            derivatives.append(study.derivatives(p))
             campaign.advance()
-    return replace(_result(study, rates, asked), light=study.lights.text(variant))
+    return replace(_result(study, derivatives, asked), light=study.lights.text(variant))
 
 
-def _first(link: Link) -> str:
+def _first_receiver(link: Link) -> str:
     """Return the key of the first receiver."""
     return "receiver.0" if isinstance(link.receiver, tuple) else "receiver"
 
@@ -415,23 +428,24 @@ def _first(link: Link) -> str:
 def _at_range(
     variant: Variant, campaign: Campaign, realizations: int, quantity: Quantity
 ) -> Variant:
-    """Return the variant at the depth of an error rate equal to the limit."""
+    """Return the variant at the depth where its error rate meets the limit."""
 
-    def reserve(depth: float) -> float:
+    def reserve(depth: float) -> float:  # ln of the light over the need
         there = variant._replace(link=variant.link.at_depth(depth))
         study = Study(there, campaign, realizations, quantity, f" at {depth!r} m")
         return study.log(study.base, there)
 
+    # a last step of Newton: what is left of the reserve, over its fall with the depth [m-1]
     depth, left, fall = range_of(reserve, variant.link)
     return variant._replace(link=variant.link.at_depth(depth + left / fall))
 
 
 class _Derivative(NamedTuple):
-    """Derivative of the logarithm of a quantity by the logarithm of one parameter, or by its unit.
+    """Derivative d ln q / d ln p by one parameter; d ln q / dp where its steps are absolute.
 
-    `rates` holds that of all gains, those without each shift and those without each sea, for the
-    jackknife; `bias` is an error that these do not show. `second`, `method`, `suspicious` and
-    `notes` are those of a `Row`.
+    `rates`, shape (1 + shifts + seas,), holds that of all gains, those without each shift and those
+    without each of several seas, for the jackknife (`covariance_of`); `bias` is a standard error
+    that these do not show. `second`, `method`, `suspicious` and `notes` are those of a `Row`.
     """
 
     parameter: Parameter
@@ -453,11 +467,11 @@ class Study:
     campaign : Campaign
         Sea and options.
     realizations : int
-        Seas; one is the sea as it is.
+        Number of seas; 1 is the sea as it is.
     quantity : Quantity
         The quantity.
     where : str
-        End of the names in a store, which differ between studies.
+        Ending of the names of its loops in a store, where no two studies may have the same.
     """
 
     def __init__(
@@ -466,15 +480,16 @@ class Study:
     ) -> None:  # fmt: skip
         self.variant, self.quantity, self.where = variant, quantity, where
         self.campaign, several = campaign.for_link(variant.link), realizations > 1
+        # several seas have phases of their own, and chains that serve an ensemble
         self.near = Neighbours(
-            self.campaign, realizations, phases=several, fading=several, meshes_kept=_KEPT
+            self.campaign, realizations, phases=several, fading=several, meshes_kept=_MESHES
         )
         self.lights = Lights(self.campaign)
         self._other_rays = Lights(self.campaign, self.campaign.run.seed + 1)
         self.responses = Responses(self._light, variant, aligned=True)
 
     def _tilt(self, variant: Variant) -> TiltFactors | None:
-        """Return the law of the tilt factor of an aircraft that carries the receiver."""
+        """Return the law of the tilt factor of an aircraft that carries the receiver, if any."""
         if variant.uav is None or variant.link.direction == "down":
             return None
         return self.campaign.tilt_factors(Flight(variant.uav), variant.link.receivers[0].fov_deg)
@@ -482,52 +497,63 @@ class Study:
     def _light(self, at: Variant) -> list[Light]:
         """Return the arrivals of a variant over up to four seas, for the response of its channel.
 
-        For another field of view than that of the base the arrivals of a wider one are cut off by a
-        soft edge.
+        At another field of view than that of the base they are those of a wider one, faded out
+        across the edge.
         """
         link, base, near = at.link, self.variant.link.receivers[0], self.near
         sea = None if at.sea is self.variant.sea else at.sea
         fov = link.receivers[0].fov_deg
-        soft = link.physics.fov == "angle" and fov != base.fov_deg
-        if soft:
+        soft_edge = link.physics.fov == "angle" and fov != base.fov_deg
+        if soft_edge:
             wide = min((1.0 + WINDOW) * fov, 180.0)
-            link = link.replace(f"{_first(link)}.fov_deg", wide)
+            link = link.replace(f"{_first_receiver(link)}.fov_deg", wide)
+        # [0]: the first receiver
         arrivals = [near.arrivals(link, i, sea)[0] for i in range(min(near.seas, MOST_SEAS))]
-        if not soft:
+        if not soft_edge:
             return arrivals
         # a hard edge would let single arrivals in and out of the response as the field of view
         # changes
-        half, lights = math.radians(0.5 * fov), []
+        half_angle, faded = math.radians(0.5 * fov), []
         for arrival in arrivals:
-            # a cubic step from 1 to 0 over the edge, with the integral of a hard one
-            inside = np.clip((1.0 - arrival.angle / half) / WINDOW, -1.0, 1.0)
-            share = 0.5 + 0.25 * inside * (3.0 - inside**2)
-            lights.append(arrival._replace(weight=arrival.weight * share))
-        return lights
+            # smooth cubic step: 1 inside, 0 outside, 1/2 at the edge, whose integral over the angle
+            # is that of a hard edge; x runs from 1 to -1 over half_angle * (1 -+ WINDOW)
+            x = np.clip((1.0 - arrival.angle / half_angle) / WINDOW, -1.0, 1.0)
+            share = 0.5 + 0.25 * x * (3.0 - x**2)
+            faded.append(arrival._replace(weight=arrival.weight * share))
+        return faded
 
     def logs(self, gains: Floats, variant: Variant) -> Floats:
-        """Return the logarithms of the quantity, see `Quantity.logs`, under the light of day."""
+        """Return the jackknife values of ln q under the daylight, see `Quantity.logs`."""
+        # the electronics behind the response of the channel, with the counts of the background
         exposed = self.lights.exposed(self.responses.behind(variant))
         return self.quantity.logs(gains, exposed, self._tilt(variant))
 
     def log(self, gains: Floats, variant: Variant, other: bool = False) -> float:
-        """Return the first of `logs`, or its value by other rays and a third of the chains."""
+        """Return ln q of all gains, the first of `logs`.
+
+        With `other` the background is that of other rays and the response that of a third of the
+        chains, for the error that they cause.
+        """
         lights = self._other_rays if other else self.lights
         exposed = lights.exposed(self.responses.behind(variant, other))
         return self.quantity.log(gains, exposed, self._tilt(variant))
 
     def logs_of(self, variant: Variant) -> Floats:
-        """Return the logarithms of the quantity of a variant."""
+        """Return the jackknife values of ln q of a variant, with its gains."""
         return self.logs(self.gains("gains", variant), variant)
 
     def gains(self, name: str, *variants: Variant) -> Floats:
-        """Return the gains of variants over all seas, shape (variants * seas, shifts)."""
-        base, near = self.variant.sea, self.near
-        if all(variant.sea is base and variant.link == self.variant.link for variant in variants):
-            if name != "base":  # keys of electronics or daylight leave the gains as they are
-                return np.concatenate([self.base] * len(variants))
+        """Return the gains of variants over all seas, shape (variants * seas, shifts).
+
+        `name` is that of the loop in a store; "base" computes those of `base`.
+        """
+        base_sea, near = self.variant.sea, self.near
+        same = (v.sea is base_sea and v.link == self.variant.link for v in variants)
+        # keys of electronics or daylight leave the gains as they are
+        if all(same) and name != "base":
+            return np.concatenate([self.base] * len(variants))
         inputs = [
-            (variant.link, None if variant.sea is base else variant.sea) for variant in variants
+            (variant.link, None if variant.sea is base_sea else variant.sea) for variant in variants
         ]
 
         def first_receiver_gains(i: int) -> Floats:
@@ -539,11 +565,15 @@ class Study:
     def _evaluate(
         self, evaluate: Callable[[int], Floats], variants: int, name: str, shape: tuple[int, ...]
     ) -> Floats:
-        """Return the numbers of each step, variant by variant and sea by sea, from the store."""
-        known = {"seas": self.near.seas, "variants": variants}
+        """Return the numbers of each step, from the store where it has them.
+
+        Shape (variants * seas, *shape): variant by variant and, within one, sea by sea.
+        """
+        identity = {"seas": self.near.seas, "variants": variants}
         steps, name = range(variants * self.near.seas), f"{name}{self.where}"
         campaign = self.near.campaign
-        results = campaign.evaluate(lambda: evaluate, steps, name, known, lambda step: shape)
+        # nothing to set up, and the same shape at each step
+        results = campaign.evaluate(lambda: evaluate, steps, name, identity, lambda step: shape)
         return np.array(list(results))
 
     @cached_property
@@ -562,71 +592,71 @@ class Study:
         return self._evaluate(score_moments, 1, "moments", (2, SHIFTS)).swapaxes(0, 1)
 
     def derivatives(self, p: Parameter) -> _Derivative:
-        """Return the derivatives by a parameter, by the estimator with the least noise.
+        """Estimate the derivative by a parameter with the estimator of least noise.
 
-        The score function where the parameter enters the weights of paths alone, the light at the
-        edge of the field of view, otherwise differences with common random numbers.
+        The score function for a parameter that enters only the weights of paths, the light at the
+        edge for the field of view, otherwise differences with common random numbers.
         """
         link = self.variant.link
         if p.name in WATER and has_moments(link):
             return self._by_chain_rule(p, self._moments[WATER.index(p.name)], "moment")
-        if p.name == f"{_first(link)}.fov_deg" and link.physics.fov == "angle":
+        if p.name == f"{_first_receiver(link)}.fov_deg" and link.physics.fov == "angle":
             return self._by_view_edge(p)
         return self._by_differences(p)
 
     def _by_view_edge(self, p: Parameter) -> _Derivative:
-        """Return the derivatives by the field of view, from the light at its edge.
+        """Return the derivative by the field of view, from the light at its edge.
 
-        The difference of a window of half the width is taken as the bias.
+        Its change with a window of half the width is taken as the bias.
         """
-        # derivative, sizes and squares of the arrivals, see `edge_over`
+        # shape (seas, 3, windows, shifts), see `edge_over`; [:, 0] are the derivatives dh / d ln p
         shape = 3, len(WINDOWS), SHIFTS
         edges = self._evaluate(partial(edge_over, self.near, p.name), 1, p.name, shape)
         k, resolved = resolving_window(edges)
-        rates = self._by_chain_rule(p, edges[:, 0, k], "angle")
-        narrow = self._by_chain_rule(p, edges[:, 0, min(k + _HALVED, len(WINDOWS) - 1)], "angle")
-        bias = math.hypot(rates.bias, float(narrow.rates[0] - rates.rates[0]))
+        derivative = self._by_chain_rule(p, edges[:, 0, k], "angle")
+        narrow = self._by_chain_rule(p, edges[:, 0, min(k + _HALF, len(WINDOWS) - 1)], "angle")
+        bias = math.hypot(derivative.bias, float(narrow.rates[0] - derivative.rates[0]))
         notes = "" if resolved else "light at the edge varies within the narrowest window"
-        return rates._replace(bias=bias, suspicious=not resolved, notes=notes)
+        return derivative._replace(bias=bias, suspicious=not resolved, notes=notes)
 
     def _by_chain_rule(self, p: Parameter, change: Floats, method: str) -> _Derivative:
-        """Return the derivatives of the quantity from those of the gain, dh / d ln p.
+        """Return the derivative of the quantity from that of the gain.
 
         d ln q / d ln p = (d ln q / dh) (dh / d ln p), with d ln q / dh by a difference over gains
-        that move by so little that q is linear there.
+        that move by so little that q is linear there. `change` is dh / d ln p (seas, shifts).
         """
         pairs = []
         for side in (-1.0, 1.0):
-            # the parameter moves, too: light of day and electronics may depend on it
-            at = p.at(self.variant, p.shifted(side * _DIRECT / p.step))
-            pairs.append((self.base + side * _DIRECT * change, at))
-        return _Derivative(p, *self._log_derivative(pairs, _DIRECT), math.nan, method)
+            # the parameter itself moves, too: daylight and electronics may depend on it
+            at = p.at(self.variant, p.shifted(side * _GAIN_STEP / p.step))
+            pairs.append((self.base + side * _GAIN_STEP * change, at))
+        return _Derivative(p, *self._log_derivative(pairs, _GAIN_STEP), math.nan, method)
 
     def _log_derivative(
         self, pairs: list[tuple[Floats, Variant]], step: float
     ) -> tuple[Floats, float]:
-        """Return the derivative of the logarithm: of all, without each shift, without each sea.
+        """Return the `rates` and the `bias` of a `_Derivative` by a central difference.
 
-        `pairs` are gains (seas, shifts) and variant at a step to either side of the base. The
-        second number is the error by the rays of a background that changes with the key, and by
-        the response of the channel, from other rays and a part of the chains.
+        `pairs` are gains (seas, shifts) and variant, a step below and a step above the base. The
+        bias is the error that the rays of the background and the response of the channel cause
+        where they change with the key, estimated by other rays and a third of the chains.
         """
         low, high = (self.logs(*pair) for pair in pairs)
         rates, sides = (high - low) / (2.0 * step), [variant for _, variant in pairs]
-        seen = [self.lights.background(variant) for variant in sides]
-        same = sides[0].detector is None or seen[0] is seen[1]
-        # light and response that do not change with the key have no error in the difference
+        backgrounds = [self.lights.background(variant) for variant in sides]
+        # one background for both cancels in the difference, with its error
+        same = sides[0].detector is None or backgrounds[0] is backgrounds[1]
         if same and not any(map(self.responses.spreads, sides)):
             return rates, 0.0
-        other = [self.log(*pair, other=True) for pair in pairs]
-        off = (other[1] - other[0]) / (2.0 * step) - float(rates[0])
-        # two independent estimates differ by sqrt(2) of their error
+        other_low, other_high = (self.log(*pair, other=True) for pair in pairs)
+        off = (other_high - other_low) / (2.0 * step) - float(rates[0])
+        # two independent estimates differ by sqrt(2) times the error of each
         return rates, abs(off) / math.sqrt(2.0)
 
     def _by_differences(self, p: Parameter) -> _Derivative:
-        """Return central differences over a step, compared with differences over a longer step.
+        """Return the derivative by a central difference, compared with one over a longer step.
 
-        Thrice the step, and at least thrice the usual one: a small step sees none of the
+        That is thrice the step, and at least thrice the usual one: a small step sees none of the
         discontinuities that rare chains carry.
         """
         factors = [1.0, 3.0 * max(1.0, p.usual / p.step)]
@@ -636,7 +666,8 @@ class Study:
                 sides += [p.at(self.variant, p.shifted(side * factor)) for side in (-1.0, 1.0)]
             except Refused:  # the longer step leaves the range
                 break
-        # one loop for all sides: a store then has one entry a parameter
+        # sides are a step down and up and, if in range, a longer step down and up; one loop for
+        # all of them: a store then has one entry a parameter
         gains = self.gains(f"{p.name} {p.step!r}", *sides)
         pairs = list(zip(gains.reshape(-1, self.near.seas, SHIFTS), sides, strict=True))
         steps = [factor * p.step for factor in factors[: len(pairs) // 2]]
@@ -648,9 +679,11 @@ class Study:
         if p.origin:
             notes = f"relative to {p.name} - {p.origin:g}" + (f"; {notes}" if notes else "")
         second = math.nan
-        if p.absolute:  # the second derivative of the quantity over itself
-            three = pairs[-2], (self.base, self.variant), pairs[-1]
-            low, mid, high = (self.log(*pair) for pair in three)
+        if p.absolute:
+            # (d^2 q / dp^2) / q over the longest step; a margin and the reserve of a range are
+            # logarithms themselves
+            places = pairs[-2], (self.base, self.variant), pairs[-1]
+            low, mid, high = (self.log(*pair) for pair in places)
             if self.quantity.of in ("margin", "range"):
                 second = (high - 2.0 * mid + low) / steps[-1] ** 2
             else:
@@ -658,30 +691,36 @@ class Study:
         return _Derivative(p, rates[0], biases[0], second, "difference", suspicious, notes)
 
     def _compared(self, rates: Sequence[Floats], by_rays: float) -> tuple[bool, str]:
-        """Return the disagreement of the derivatives over two steps, if any."""
+        """Return whether the derivatives over two steps disagree, and a note about them.
+
+        `by_rays` is the joint `bias` of both.
+        """
         if len(rates) < 2:
             return False, "one step: the longer one leaves the range"
         off = rates[1] - rates[0]
         error = math.hypot(error_of(off), by_rays)
-        # a central difference errs as the square of the step: 9 times as much over thrice of it
-        bend = _BEND * max(abs(float(rates[1][0])), 1.0)
-        if abs(off[0]) <= math.hypot(_DOUBT * error, bend):
+        # the error of a central difference grows as the square of its step, 9 times over thrice of
+        # it: up to this much the curvature of q explains
+        curvature = _CURVATURE * max(abs(float(rates[1][0])), 1.0)
+        if abs(off[0]) <= math.hypot(_SUSPICIOUS * error, curvature):
             return False, ""
         return True, f"{rates[1][0]:.5g} +- {error_of(rates[1]):.1g} over the longer step"
 
 
 def _result(study: Study, derivatives: list[_Derivative], names: list[str]) -> Sensitivities:
-    """Return the table of the derivatives by the parameters of some names."""
+    """Return the quantity and the table of its derivatives by the parameters of these names."""
     quantity, variant, campaign = study.quantity, study.variant, study.campaign
     logs = study.logs(study.base, variant)
-    value, stderr = quantity.value(float(logs[0])), error_of(logs)
+    value, stderr = quantity.value(float(logs[0])), error_of(logs)  # the error is that of ln q
     if study.responses.spreads(variant):
+        # the error by the response of the channel, as in `Study._log_derivative`
         off = study.log(study.base, variant, other=True) - float(logs[0])
         stderr = math.hypot(stderr, off / math.sqrt(2.0))
     if quantity.of == "range":
         depth = depth_key(variant.link)
         (by_depth,) = (d for d in derivatives if d.parameter.name == depth)
         value = variant.link.depth
+        # dR / R = -(d ln q) / (d ln q / d ln depth), with q the light over the need
         stderr = abs(value * error_of(logs / by_depth.rates[0]))
         derivatives = [_of_range(derivative, by_depth) for derivative in derivatives]
     else:
@@ -689,26 +728,27 @@ def _result(study: Study, derivatives: list[_Derivative], names: list[str]) -> S
     derivatives = [d for d in derivatives if d.parameter.name in names]
     covariance = covariance_of(np.array([d.rates for d in derivatives]))
     covariance += np.diag([d.bias**2 for d in derivatives])
+    # d quantity / d ln q; R of a range, whose derivatives are those of ln R by now
     slope = value if quantity.of == "range" else quantity.slope(value)
     factors = np.array([_elasticity_factor(d.parameter) for d in derivatives])
     errors = np.sqrt(np.diag(covariance)).tolist()
     table = Table(_row(d, error, slope) for d, error in zip(derivatives, errors, strict=True))
-    origin = campaign.provenance(variant.link)
-    origin |= {"of": quantity.of, "limit": quantity.limit, "realizations": study.near.seas}
+    provenance = campaign.provenance(variant.link)
+    provenance |= {"of": quantity.of, "limit": quantity.limit, "realizations": study.near.seas}
     for name, part in zip(_MODELS, variant[2:], strict=True):
-        origin[name] = part and part.model_dump(mode="json")
+        provenance[name] = part and part.model_dump(mode="json")  # None of a part that is missing
     covariance *= np.outer(factors, factors)
-    return Sensitivities(quantity.of, value, stderr, quantity.unit, table, covariance, origin)
+    return Sensitivities(quantity.of, value, stderr, quantity.unit, table, covariance, provenance)
 
 
 def _of_range(derivative: _Derivative, by_depth: _Derivative) -> _Derivative:
-    """Return the derivative of the range R from that of the reserve q of light at the depth R.
+    """Return the derivative of the range R from that of q, the light over the need at the depth R.
 
-    The range is where q(p, d) vanishes: at a fixed need
+    The range is the depth d at which ln q(p, d) = 0: by the implicit function theorem
     d ln R / d ln p = -(d ln q / d ln p) / (d ln q / d ln d).
     """
     deeper = by_depth.rates
-    if derivative is by_depth:  # the depth itself: nothing but the reserve, without a bias
+    if derivative is by_depth:  # the row of the depth is that of q itself, without a bias
         return derivative._replace(bias=0.0, second=-derivative.second / deeper[0])
     return derivative._replace(
         rates=-derivative.rates / deeper,
@@ -718,7 +758,7 @@ def _of_range(derivative: _Derivative, by_depth: _Derivative) -> _Derivative:
 
 
 def _elasticity_factor(p: Parameter) -> float:
-    """Return d ln q / d ln p over the derivative by the parameter's step; 1 at a base of 0."""
+    """Return the factor from d ln q per step of p to d ln q / d ln p; 1 at a base of 0."""
     return p.base if p.absolute and p.base != 0.0 else 1.0
 
 
@@ -761,15 +801,15 @@ class Swing(NamedTuple):
 def swings(
     s: Sensitivities, change: float | Mapping[str, tuple[float, float]] = 0.1
 ) -> list[Swing]:
-    """Return the changes of the quantity of a study over given intervals of its parameters.
+    """Return the changes of a study's quantity over intervals of its parameters.
 
     Parameters
     ----------
     s : Sensitivities
         Its link, sea, chains and quantity are used again.
     change : float or mapping of str to (low, high)
-        Relative change of all parameters to either side, or the values of some. Offsets and
-        angles change by `change` times depth plus height, and `change` times 10 deg.
+        Relative change of all parameters to either side, or both values of some. Offsets change by
+        `change` times depth plus height, angles by `change` times 10 deg.
 
     Returns
     -------
@@ -778,8 +818,8 @@ def swings(
 
     Notes
     -----
-    Each end is a run, not a product of derivatives. For "range" the depth follows the change of
-    the light by the derivative by the depth, and a second run at the new depth corrects it.
+    Each end is a run, not a forecast from derivatives. For "range" the change of the light over
+    its derivative by the depth gives a new depth, and a second run there corrects it.
 
     Raises
     ------
@@ -802,37 +842,38 @@ def swings(
     known = {p.name: p for p in parameters(variant, names, None, normals)}
     if not isinstance(change, Mapping):
         ends = {name: p.about(change) for name, p in known.items()}
-    base, rate = study.logs_of(variant), 0.0
-    if s.of == "range":
+    base, slope = study.logs_of(variant), 0.0
+    if s.of == "range":  # slope is d ln q / d depth [m-1], negative
         (depth,) = parameters(variant, [depth_key(variant.link)], None, normals)
         low, high = (study.logs_of(depth.at(variant, depth.shifted(k)))[0] for k in (-1.0, 1.0))
-        rate = (high - low) / (2.0 * depth.step * depth.base)
+        slope = (high - low) / (2.0 * depth.step * depth.base)
 
-    def changed(there: Variant) -> tuple[float, float]:
+    def change_at(there: Variant) -> tuple[float, float]:
+        """Return the change [dB, or m] of the quantity and its standard error."""
         off = study.logs_of(there) - base
         if s.of != "range":
             return DECIBELS * float(off[0]), DECIBELS * error_of(off)
-        moved = -off / rate
+        moved = -off / slope
         link = there.link.at_depth(there.link.depth + float(moved[0]))
-        # the reserve left at the new depth, over its fall: one step of Newton
-        moved = moved[0] - (study.logs_of(there._replace(link=link)) - base) / rate
+        # a second step of Newton: the difference of ln q that is left at the new depth, over slope
+        moved = moved[0] - (study.logs_of(there._replace(link=link)) - base) / slope
         return float(moved[0]), error_of(moved)
 
     bars = []
     for name, pair in ends.items():
         p = known[name]
-        (low, low_error), (high, high_error) = (changed(p.at(variant, end)) for end in pair)
+        (low, low_error), (high, high_error) = (change_at(p.at(variant, end)) for end in pair)
         bars.append(Swing(name, p.unit, pair, (low, high), (low_error, high_error)))
     return sorted(bars, key=lambda bar: -max(map(abs, bar.change)))
 
 
 def _study_of(s: Sensitivities) -> Study:
-    """Return the study of a result, set up again."""
-    origin: dict[str, Any] = s.provenance
-    scenario = Scenario.from_provenance(origin)
-    parts = (origin[name] and kind.model_validate(origin[name]) for name, kind in _MODELS.items())
+    """Return the study of a result, rebuilt from its provenance."""
+    config: dict[str, Any] = s.provenance
+    scenario = Scenario.from_provenance(config)
+    parts = (config[name] and kind.model_validate(config[name]) for name, kind in _MODELS.items())
     inputs: Any = scenario.surface, scenario.run, scenario.meshing
     campaign = Campaign({"link": scenario.link}, *inputs)
-    quantity = Quantity(s.of, origin["limit"])  # type: ignore[arg-type]
+    quantity = Quantity(s.of, config["limit"])  # type: ignore[arg-type]
     variant = Variant(scenario.link, scenario.surface, *parts)
-    return Study(variant, campaign, origin["realizations"], quantity)
+    return Study(variant, campaign, config["realizations"], quantity)

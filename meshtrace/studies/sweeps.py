@@ -90,7 +90,7 @@ class Task(NamedTuple):
     last: int
 
     def __str__(self) -> str:
-        """Return the name of the task in a store."""
+        """Return the name of the task in a store: its point and its first realization."""
         return f"{self.point} {self.first}"
 
     @property
@@ -142,7 +142,8 @@ class Sweep:
             if self.wavelengths_nm and name.endswith("wavelength_nm"):
                 allowed = "no wavelength among the parameters, or no wavelengths_nm"
                 raise Refused("parameters", name, allowed)
-        self._each_colour(base)
+        # both are made for their refusals alone
+        self._at_wavelengths(base)
         if self.in_daylight:
             transmission_of(base.link.replace(receiver=base.link.receivers[0]), base.detector)
         if not self.parameters:
@@ -156,7 +157,7 @@ class Sweep:
                     self.scenario({name: value})
                 except ValueError as error:
                     problems.append(error)
-            # a value that does not suit others is a failed point of the sweep, not of all
+            # a single value that is refused makes its points fail, and the sweep goes on
             if len(problems) == len(values):
                 raise problems[0]
 
@@ -181,9 +182,9 @@ class Sweep:
         Returns
         -------
         Item
-            Of each realization the numbers of `measured` by wavelength and receiver, and the
-            seconds that it took, shape (n, measured * wavelengths * receivers + 1); their errors
-            are a list as JSON.
+            Numbers, shape (realizations, measured * wavelengths * receivers + 1): those of
+            `measured`, each by wavelength and receiver, and last the seconds of the realization.
+            The text is the JSON list of the errors of the realizations, empty where they went well.
         """
         # classes of the user register themselves when their module is imported
         import_modules(self.modules)
@@ -201,31 +202,33 @@ class Sweep:
         return Item(table, json.dumps(error))
 
     def _measure(self, task: Task, realization: int) -> NDArray[np.float64]:
-        """Return the numbers of `measured`, each by wavelength and receiver."""
+        """Return the numbers of a realization, shape (measured, wavelengths, receivers)."""
         scenario = self.scenario(self.changes(task))
-        surface, key = scenario.surface, self.seed
+        surface, seed = scenario.surface, self.seed
         if self.realizations > 1:
-            # waves and chains of a realization are independent
-            phases, key = (realization_seed(self.seed, realization, word) for word in (0, 1))
+            # waves (word 0) and chains (word 1) of a realization are independent
+            phases, seed = (realization_seed(self.seed, realization, word) for word in (0, 1))
             # a surface without phases is the same in each realization, its chains are not
             surface = surface.with_seed(phases) if hasattr(surface, "with_seed") else surface
-        run = scenario.run.model_copy(update={"seed": key, "threads": 1})
+        # tasks already run side by side: each on one thread
+        run = scenario.run.model_copy(update={"seed": seed, "threads": 1})
         scenario = scenario.model_copy(update={"surface": surface, "run": run})
         # error rates need the response of the channel
         record = [Arrivals()] if self.in_daylight else ()
         if not self.wavelengths_nm:
             return self._numbers(scenario, simulate(scenario, record=record))[:, None]
         results = simulate(scenario, wavelengths_nm=self.wavelengths_nm, record=record)
-        pairs = zip(self._each_colour(scenario), results.results, strict=True)
+        pairs = zip(self._at_wavelengths(scenario), results.results, strict=True)
         return np.stack([self._numbers(*pair) for pair in pairs], axis=1)
 
-    def _each_colour(self, scenario: Scenario) -> list[Scenario]:
-        """Return a scenario at each of the wavelengths."""
+    def _at_wavelengths(self, scenario: Scenario) -> list[Scenario]:
+        """Return a scenario at each of the wavelengths, none without `wavelengths_nm`."""
         return [scenario.at_wavelength(nm) for nm in self.wavelengths_nm]
 
     def _numbers(self, scenario: Scenario, result: GainResult) -> NDArray[np.float64]:
-        """Return the numbers of `measured` of a result, each by receiver."""
+        """Return the numbers of `measured` of a result, shape (measured, receivers)."""
         measured = [getattr(result, name) for name in MEASURED]
+        # None is a part that the estimator does not tell, a single receiver a scalar
         measured = [np.full(self.receivers, np.nan if row is None else row) for row in measured]
         if self.in_daylight:
             measured += list(_under_daylight(scenario, result))
@@ -244,7 +247,7 @@ class Sweep:
 
     @property
     def light_text(self) -> str:
-        """Light of the bit error rates."""
+        """Description of the light under which the bit error rates hold."""
         day = self.scenario({}).daylight
         swept = [name for name in self.parameters if name.partition(".")[0] == "daylight"]
         base = DARK if day is None else day.light
@@ -262,25 +265,27 @@ class Sweep:
         timeout: float = DEFAULT_TIMEOUT,
         progress: Callable[[int], None] | None = None,
     ) -> xr.Dataset:
-        """Return the results, from the store or computed; options as in `sweep`."""
+        """Compute the results, or read them from the store; options are as in `sweep`."""
         cluster = Cluster(workers, timeout).checked()
         identity, items = self.identity(), dict[Task, Item]()
         shape, tasks = partial(_shape_of, identity), list(self.tasks())
         with (
             Store(store, "sweep").loop("sweep", identity) as stored,
             closing(
+                # nothing to set up on a worker: the sweep holds all inputs
                 finished(stored, cluster.map, lambda: self.compute, tasks, shape, "points")
             ) as results,
         ):
             for task, item in results:
                 if isinstance(item, Exception):
-                    # the worker may have failed, and not the point: such an item is not stored
+                    # the worker may have failed, and not the point: such an item is not stored.
+                    # `dataset` broadcasts the one nan of a realization to all its numbers
                     n = task.last - task.first
                     item = Item(np.full((n, 1), np.nan), json.dumps([error_text(item)] * n))
                 items[task] = item
                 if progress is not None:
                     progress(1)
-        # a store that passed all checks may yet hold texts that are no JSON
+        # a store that passed all checks may still hold texts that are not JSON
         with refusing("store", "items of this sweep, or a new path"):
             return dataset(identity, items)
 
@@ -298,9 +303,9 @@ class Sweep:
 
 
 def _sizes(identity: dict[str, Any]) -> tuple[int, int, int]:
-    """Return the numbers of quantities, wavelengths and receivers of a realization."""
-    waves = max(len(identity["wavelengths_nm"]), 1)
-    return len(identity["measured"]), waves, identity["receivers"]
+    """Return how many quantities, wavelengths and receivers the numbers of a realization have."""
+    wavelengths = max(len(identity["wavelengths_nm"]), 1)
+    return len(identity["measured"]), wavelengths, identity["receivers"]
 
 
 def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
@@ -310,10 +315,10 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
     coordinates = {name: _labels(values) for name, values in identity["parameters"].items()}
     coordinates["realization"] = np.arange(identity["realizations"])
     dims, shape = tuple(coordinates), tuple(map(len, coordinates.values()))
-    names, at = identity["measured"], identity["wavelengths_nm"]
+    names, wavelengths = identity["measured"], identity["wavelengths_nm"]
     sizes = _sizes(identity)
     # the last number of a realization is its seconds
-    numbers = np.full((*shape, math.prod(sizes) + 1), np.nan)
+    numbers = np.full((*shape, math.prod(sizes) + 1), np.nan)  # (parameters..., realization, k)
     error = np.full(shape, "", object)
     for task, item in items.items():
         numbers[task.region], error[task.region] = item.numbers, json.loads(item.text)
@@ -323,28 +328,29 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
         "error": (dims, error.astype(str)),
     }
     for i, name in enumerate(names):
-        background = {"light": identity["light"]} if name == "ber" else {}
-        several = bool(at), identity["listed"]
-        # dimensions that the user did not ask for are of size 1 and go
-        selection = tuple(slice(None) if each else 0 for each in several)
-        along = (*dims, *itertools.compress(("wavelength", "receiver"), several))
+        light_attrs = {"light": identity["light"]} if name == "ber" else {}
+        # a dimension that the user did not ask for has the size 1, and is dropped
+        asked = bool(wavelengths), identity["listed"]
+        selection = tuple(slice(None) if keep else 0 for keep in asked)
+        along = (*dims, *itertools.compress(("wavelength", "receiver"), asked))
         variables[name] = (
             along,
             measured[..., i, :, :][(..., *selection)],
-            attrs(name) | background,
+            attrs(name) | light_attrs,
         )
-    about = {key: attrs(key.rpartition(".")[2]) for key in dims if key.rpartition(".")[2] in FIELDS}
-    labelled = {key: (key, values, about.get(key, {})) for key, values in coordinates.items()}
-    if at:
-        labelled["wavelength_nm"] = ("wavelength", np.array(at), attrs("wavelength_nm"))
-    origin = {
+    # units and names of the keys that the catalogue of fields has
+    known = {key: attrs(key.rpartition(".")[2]) for key in dims if key.rpartition(".")[2] in FIELDS}
+    labelled = {key: (key, values, known.get(key, {})) for key, values in coordinates.items()}
+    if wavelengths:
+        labelled["wavelength_nm"] = ("wavelength", np.array(wavelengths), attrs("wavelength_nm"))
+    attributes = {
         "title": "meshtrace sweep",
         "format_version": FORMAT_VERSION,
         "kind": "sweep",
         "identity": json.dumps(identity),
         "environment": json.dumps(environment()),
     }
-    return xr.Dataset(variables, labelled, origin)
+    return xr.Dataset(variables, labelled, attributes)
 
 
 def _labels(values: list[Any]) -> NDArray[Any]:
@@ -358,20 +364,20 @@ def _under_daylight(scenario: Scenario, result: GainResult) -> NDArray[np.float6
     """Return the numbers of `_IN_DAYLIGHT` at the gains of a result, shape (4, receivers)."""
     results = []
     numbers = zip(scenario.link.receivers, result.gains, result.stderrs, strict=True)
-    for i, (receiver, h, error) in enumerate(numbers):
+    for i, (receiver, gain, error) in enumerate(numbers):
         # each receiver has its own view of the sky
         link = scenario.link.replace(receiver=receiver)
-        ook, seen = transmission_of(link, scenario.detector), None
-        # without light there is no response to spread
-        if h > 0.0 and ook.response is None:
+        ook, sky = transmission_of(link, scenario.detector), None
+        # without a gain there is no response that could spread the pulses
+        if gain > 0.0 and ook.response is None:
             impulse = impulse_response(result, receiver=i)
             response = ChannelResponse.from_arrivals(impulse.delay, impulse.weight, impulse.angle)
             ook = ook.replace(response=response)
         if checked_daylight(scenario.daylight, link) is not None:
             alone = scenario.model_copy(update={"link": link})
-            seen = background(alone, photons=RAYS, seed=scenario.run.seed, threads=1)
-        radiance = (seen.radiance, seen.radiance_stderr) if seen else (0.0, 0.0)
-        results.append([*radiance, *error_rate(ook, np.array([h]), float(error), seen)])
+            sky = background(alone, photons=RAYS, seed=scenario.run.seed, threads=1)
+        radiance = (sky.radiance, sky.radiance_stderr) if sky else (0.0, 0.0)
+        results.append([*radiance, *error_rate(ook, np.array([gain]), float(error), sky)])
     return np.array(results).T
 
 
@@ -391,7 +397,7 @@ def sweep(
     timeout: float = DEFAULT_TIMEOUT,
     progress: Callable[[int], None] | None = None,
 ) -> xr.Dataset:
-    """Return the gain at every combination of some parameters, computed in parallel.
+    """Compute the gain at every combination of parameter values in parallel.
 
     With daylight in the link file, or swept, the background light and the bit error rate too.
 
@@ -407,8 +413,8 @@ def sweep(
         The sea, or the [sea] table of a link file, in place of that of `link`; a `Link` alone
         goes with the default sea, which follows `wind_speed`.
     realizations : int
-        Surfaces of each point. One keeps the phases of the sea; of several,
-        realization i has those of `numpy.random.SeedSequence([seed, i])`, as in `ensemble`.
+        Surfaces of each point. A single one keeps the phases of the sea; realization i of several
+        has those of `numpy.random.SeedSequence([seed, i])`, as in `ensemble`.
     rtol : float, optional
         Relative standard error to reach in every gain; None for a fixed `photons`.
     photons : int, optional
@@ -442,16 +448,16 @@ def sweep(
     Raises
     ------
     Refused
-        If an option is out of range, no value of a parameter is allowed; the store holds another
-        sweep or is in use; the scheduler is lost, has no worker, or one that would
-        compute other numbers.
+        If an option is out of range or no value of a parameter is allowed; the store holds another
+        sweep or is in use; the scheduler is lost, has no worker, or has one that would compute
+        other numbers.
     ModuleNotFoundError
         If dask and distributed are not installed, which `workers` other than 1 need.
 
     Notes
     -----
-    A point that fails is recorded and not tried again. One whose worker died, time after time, is
-    recorded too and tried again by the next call; so is a point whose line of the store is
+    A point that fails is recorded and not tried again. One whose worker died again and again is
+    recorded too, and tried again by the next call; so is a point whose line in the store is
     damaged, with a warning.
 
     The bit error rate is that of the receiver of the link file ("physical" without one), at rest
@@ -462,10 +468,10 @@ def sweep(
     The cluster on this machine starts new Python processes: in a script call `sweep` under
     `if __name__ == "__main__":`.
     """
-    configured = link.get("daylight") if isinstance(link, Mapping) else None
+    daylight_table = link.get("daylight") if isinstance(link, Mapping) else None
     options: dict[str, Any] = {"rtol": rtol, "photons": photons, "seed": seed}
     options |= {"realizations": realizations, "wavelengths_nm": wavelengths_nm}
-    study = _study(_base(link, surface), configured, parameters, options)
+    study = _study(_base(link, surface), daylight_table, parameters, options)
     return study.run(store, workers, timeout, progress)
 
 
@@ -475,9 +481,9 @@ def _study(
     parameters: Mapping[str, Sequence[Any]],
     options: dict[str, Any],
 ) -> Sweep:
-    """Return the checked study, with options as in `sweep`.
+    """Return the checked sweep, with options as in `sweep`.
 
-    `daylight_table` is the table [daylight] as a user wrote it, None of a model.
+    `daylight_table` is the table [daylight] as the user wrote it, None if there is only a model.
     """
     import tomli_w
 
@@ -490,17 +496,17 @@ def _study(
     if base.link.water.spectrum is None and any(map(gives_spectrum, plain)):
         # the swept description of the water takes the place of its coefficients
         config["water"] = {k: v for k, v in config["water"].items() if k.startswith("bottom")}
-    # plain data for the workers and the store, of a class of a user, too
+    # plain data for the workers and the store, also where a class is the user's
     text = tomli_w.dumps(config)
-    at = options.get("wavelengths_nm")
-    options = options | {"wavelengths_nm": () if at is None else tuple(checked_wavelengths(at))}
+    nm = options.get("wavelengths_nm")
+    options = options | {"wavelengths_nm": () if nm is None else tuple(checked_wavelengths(nm))}
     study = Sweep(text, plain, **options)
     study.check()
     return replace(study, modules=tuple(modules_of(f"{text}{plain}")))
 
 
 def read_store(path: Path) -> xr.Dataset:
-    """Return the results in the store of a sweep, nan where points are not finished.
+    """Read the results in the store of a sweep, nan where points are not finished.
 
     Raises
     ------
@@ -522,7 +528,7 @@ def read_store(path: Path) -> xr.Dataset:
 
 
 def _shape_of(identity: dict[str, Any], task: Task) -> tuple[int, int]:
-    """Return the shape of the numbers of a task: its realizations by their numbers and seconds."""
+    """Return the shape of the numbers of a task: realizations by numbers, seconds included."""
     return task.last - task.first, math.prod(_sizes(identity)) + 1
 
 
@@ -578,7 +584,7 @@ def sweep_file(
 def read_study(
     path: str | Path, store: str | Path | None = None, trust: bool = False
 ) -> tuple[Sweep, Path]:
-    """Return the sweep of a study file, and its store.
+    """Read the sweep of a study file and the path of its store.
 
     Parameters
     ----------
@@ -604,14 +610,14 @@ def read_study(
         table = config.pop("sweep", MISSING)
         if not isinstance(table, dict):
             raise Refused("sweep", table, "a table")
-        known = "parameters", "realizations", *_SHARED, "wavelengths_nm", "store"
-        require_keys(table, known, "sweep")
-        beside = table.pop("store", path.with_suffix(".store").name)
-        if not isinstance(beside, str) or not beside:
-            raise Refused("sweep.store", beside, "a path")
+        keys = "parameters", "realizations", *_SHARED, "wavelengths_nm", "store"
+        require_keys(table, keys, "sweep")
+        store_name = table.pop("store", path.with_suffix(".store").name)
+        if not isinstance(store_name, str) or not store_name:
+            raise Refused("sweep.store", store_name, "a path")
     except Refused as error:
         raise error.in_file(str(path)) from error.__cause__
-    # options of a sweep that may stand in either table
+    # options that may stand in [run] or in [sweep], which wins
     run = config.get("run", {})
     shared = {key: run[key] for key in _SHARED if isinstance(run, dict) and key in run}
     parameters = dict(_dotted(table.pop("parameters", {})))
@@ -619,7 +625,7 @@ def read_study(
     with trusting(trust):
         base = _base(Scenario.from_config(config, folder=path.parent), None)
         study = _study(base, config.get("daylight"), parameters, shared | table)
-    return study, path.parent / beside if store is None else Path(store)
+    return study, path.parent / store_name if store is None else Path(store)
 
 
 def _base(
@@ -627,7 +633,7 @@ def _base(
 ) -> Scenario:
     """Return the scenario that all points share, without the options that a sweep sets."""
     if isinstance(link, Link):
-        # the wind of the sea that is given, or else of the bubbles and whitecaps
+        # the wind of the sea in the call, or else that of the bubbles and whitecaps
         wind = getattr(sea, "wind_speed", None)
         wind = link.wind_speed or DEFAULT_WIND_SPEED if wind is None else wind
         default = Scenario.from_config({"wind_speed": wind})
@@ -637,18 +643,19 @@ def _base(
     else:
         scenario = Scenario.from_config(link)
     if isinstance(sea, MeshSource):
+        # the meshing of the scenario was that of its former sea
         scenario = scenario.model_copy(update={"surface": sea, "meshing": Meshing()})
     elif sea is not None:
         scenario = Scenario.from_config(scenario.to_config() | {"sea": dict(sea)})
     run = scenario.run
-    # a first guess: each point goes on to its tolerance
+    # a first guess of forced detection, from which each point goes on to its tolerance
     photons = FIRST_CHAINS if isinstance(run.estimator, Forced) else run.photons
     fields = run.model_dump(exclude={*_SHARED, "threads"}, exclude_none=True)
     return scenario.model_copy(update={"run": Run(**fields, photons=photons)})
 
 
 def _plain(values: Sequence[Any]) -> list[Any]:
-    """Return values as plain data, with lists in place of arrays and tuples."""
+    """Return a list of values as plain data, with lists in place of arrays and tuples."""
     if isinstance(values, str) or not hasattr(values, "__iter__"):
         raise Refused("parameters", values, "a list of values")
     return list(json.loads(json.dumps(list(values), default=lambda value: value.tolist())))
