@@ -338,6 +338,14 @@ class ForcedDetection:
                 break
         return gains, aimed.relative_error(e, t)
 
+    def whole_gain(self, mesh: TriangleMesh) -> Floats:
+        """Return the gain of each receiver over a mesh."""
+        return self.at_wavelengths(mesh)[0].gain
+
+    def unscattered_gain(self, mesh: TriangleMesh) -> Floats:
+        """Return the unscattered gain of each receiver over a mesh."""
+        return self._chain_gains(self.planner.aim_over(mesh)).by_wavelength()[0].ballistic
+
     def _straight_gains(self, aimed: AimedChains, e: int, t: int) -> tuple[Floats, float]:
         """Return the light (wavelengths, 1 or SHIFTS) straight from an emitter to a target.
 
@@ -438,7 +446,9 @@ def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
     sea = TypicalSea.of_meshes([mesh])
     planner = Planner(link, case.run.seed, case.meshing.normals, case.threads, sea)
     few = ForcedDetection.following(planner, planner.plan(_CUT_CHAINS, planner.compare()))
-    whole = few.at_wavelengths(planner.flat())[0].gain
-    # the same chains over both: their noise cancels in the difference
-    cut = whole - few.at_wavelengths(flat_mesh(low, high))[0].gain
+    # the same chains over both: their noise cancels in the difference. Of ends on one side the mesh
+    # cuts off what it mirrors, hardly what the water scatters between them
+    sees = few.unscattered_gain if planner.arrays.reflects else few.whole_gain
+    whole = sees(planner.flat())
+    cut = whole - sees(flat_mesh(low, high))
     return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)
