@@ -455,8 +455,8 @@ class Petzold(BuiltInPhase, frozen=True):
     -----
     55 angles from 0.1 to 180 degrees, joined and normalised as in `TabulatedPhase`. The printed
     table 3.10 of Mobley (1994) has 2.188e2 for the average particle at 0.501 degrees, 9 % above
-    its neighbours' trend; the file of the Ocean Optics Web Book has 2.018e2 (on the scale of the
-    printed table), which is used here.
+    its neighbours' trend; the file of the Ocean Optics Web Book has 2.018e2 (on the file's scale),
+    which is used here.
 
     References
     ----------
