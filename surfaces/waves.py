@@ -243,7 +243,7 @@ def _squared_frequency(k: Floats, depth: float | None, capillary: bool) -> tuple
 
 
 def _newton(k: Floats, step: Callable[[Floats], Floats]) -> Floats:
-    """Return the root of Newton's method from k; `step` returns function over derivative."""
+    """Return the root that Newton's method reaches from k; `step` is function over derivative."""
     # until the steps are of the size of rounding
     for _ in range(_NEWTON_STEPS):
         last = step(k)
@@ -489,7 +489,7 @@ class WaveGrid:
         return plan
 
     def _direct(self, weights: NDArray[np.complex128]) -> Floats:
-        """Return the sums themselves, in blocks of waves that bound the memory."""
+        """Return the direct sums, in blocks of waves that bound the memory."""
         (kx, ky), (x, y) = self._waves, self._axes
         sums = np.zeros((len(weights), len(x), len(y)))
         block = max(1, _BLOCK // max(len(x), len(y)))

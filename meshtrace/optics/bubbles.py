@@ -410,7 +410,7 @@ class HallNovarini(BubblePopulation, frozen=True):
     def equal_area_radii(
         self, count: Annotated[int, Field(ge=1, le=_MOST_NODES)], depth: float = 0.0
     ) -> Floats:
-        """Return quantile radii of equal geometric cross-section.
+        """Return radii that stand for equal parts of the geometric cross-section.
 
         The quantiles (k + 1/2)/count, k = 0 .. count - 1, of the weight G r^2.
 
