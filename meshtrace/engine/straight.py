@@ -147,10 +147,11 @@ def _sight(emitter: Emitter, target: Target) -> _Sight:
     start, axis, beam = np.array(emitter.position), np.array(target.axis), np.array(emitter.axis)
     way = np.array(target.center) - start
     height = float(way @ axis)
-    aside = way - height * axis
+    # by its components: what is left of the way without that along the axis may be mere rounding
+    across = np.array([target.e1, target.e2])
+    aside = across @ way
     offset = float(np.linalg.norm(aside))
-    # on the axis of the aperture any direction across it does
-    along = aside / offset if offset > 0.0 else np.array(target.e1)
+    along = (aside / offset if offset > 0.0 else np.array([1.0, 0.0])) @ across
     axes = np.array([axis, along, np.cross(axis, along)])
     forward, right, up = (axes @ beam).tolist()
     return _Sight(

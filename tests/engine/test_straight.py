@@ -220,6 +220,20 @@ def test_dark_links():
         assert gain_of(link) == (0.0, 0.0)
 
 
+@pytest.mark.parametrize("zenith_deg", [37.0, 60.0, 123.0])
+def test_aslant_on_the_axis(zenith_deg):
+    """Ends that face each other in any direction, up to the rounding of their places."""
+    angle = math.radians(zenith_deg)
+    receiver = mt.WaterReceiver(
+        depth=50.0 - 7.0 * math.cos(angle), position=(7.0 * math.sin(angle), 0.0), radius=1.5,
+        fov_deg=180.0, tilt_deg=180.0 - zenith_deg, tilt_azimuth_deg=180.0,
+    )  # fmt: skip
+    link = mt.Link(water=DARK, transmitter=led(20.0, zenith_deg), receiver=receiver)
+    order = link.transmitter.order
+    expected = 1.0 - math.cos(math.atan2(1.5, 7.0)) ** (order + 1.0)
+    assert gain_of(link)[0] == pytest.approx(expected, rel=1e-8)
+
+
 def test_points_of_a_source_and_scale():
     """A point aside is a lamp aside; a link of a tenth of the size in water as clear is as bright."""
     lamp = led(30.0)
