@@ -193,7 +193,9 @@ class Link(Model, frozen=True):
         (water,), air = from_water, into_air.pop() if into_air else from_water == {True}
         if water:
             return "up" if air else "under"
-        return "over" if air else "down"
+        # sun and sky have no place in the air
+        lamps = all(isinstance(t, AirLamp) for t in self.transmitters)
+        return ("over" if lamps else "mixed") if air else "down"
 
     def mirrored(self) -> Self:
         """Return the link in the other direction: lamp and receiver change places.
