@@ -291,7 +291,7 @@ def _accurate(link: Link, curvature: float, change: float, tilts: float) -> floa
     """
     fine = math.inf
     # lever: beta_0 of a source and a receiver, seen: the radius of its aperture at the surface
-    for _, lever, seen in link.crossings():
+    for _, lever, seen, *_ in link.crossings():
         focus = lever / math.hypot(1.0, lever * curvature)
         q = _MESH_ERROR / max(0.35 * focus * change, 1e-300)
         wide = 8.0 * math.hypot(seen, lever * tilts)
