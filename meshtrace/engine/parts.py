@@ -115,7 +115,7 @@ def direct_light(
         lamp=lamp,
         shift=np.full(len(nonzero), shift),
         sample=np.full(len(nonzero), -1),
-        log_weights=aimed.straight_tints(source, crossing, tints),
+        log_weights=aimed.unscattered_tints(source, target, crossing, tints),
         facet=nonzero,
     )
 
