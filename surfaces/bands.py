@@ -337,7 +337,7 @@ def direction_weights(
     omega_p: float,
     wind_speed: float,
 ) -> Floats:
-    """Return the shares D(theta_j) d_theta of the energy, normalised at each frequency.
+    """Return the energy fractions D(theta_j) d_theta, normalised at each frequency.
 
     Parameters
     ----------

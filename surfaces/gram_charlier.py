@@ -156,7 +156,7 @@ class GramCharlier(Model, frozen=True):
 
     @property
     def series(self) -> Series:
-        r"""Density of the slopes over the Gaussian one, nowhere negative.
+        r"""Ratio of the density of the slopes to the Gaussian one, nowhere negative.
 
         The series is negative for some slopes. The density is
 

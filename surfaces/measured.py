@@ -281,7 +281,7 @@ def _read_gauges(source: Any, unit: str | None) -> _Record:
 
 
 def _columns_of_gauges(name: str, headings: Sequence[Heading], width: int) -> tuple[int, list[int]]:
-    """Return the places of the time and of the elevations."""
+    """Return the indices of the columns of the time and of the elevations."""
     if not headings:
         return 0, list(range(1, width))
     named = [i for i, h in enumerate(headings) if _TIME.is_named(h.name)]
@@ -363,7 +363,7 @@ def _band(
 def _stated(
     spreading: Any, freq: Floats, theta: Floats, peak: float, wind_speed: float | None
 ) -> Floats:
-    """Return the shares of the directions at each frequency of a spreading."""
+    """Return the energy fractions by direction at each frequency, from a spreading."""
     if spreading is None:
         raise Refused("spreading", None, "a spreading: one gauge does not see directions")
     # spreadings take angles from -pi to pi
@@ -384,7 +384,7 @@ def _stated(
 def _of_array(
     record: _Record, positions: Any, length: int, freq: Floats, theta: Floats, depth: float | None
 ) -> Floats:
-    """Return the shares of the directions at each frequency that an array sees."""
+    """Return the energy fractions by direction at each frequency, from an array of gauges."""
     n = record.elevation.shape[1]
     allowed = f"{n} pairs (x, y) [m], one for each gauge, three or more not on a line"
     at = require_array(() if positions is None else positions, "positions", allowed)

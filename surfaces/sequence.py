@@ -44,7 +44,8 @@ _ALLOWED = (
     "a folder or a pattern of STL, PLY, OBJ, VTP, VTU or VTK files, or a PVD, XDMF, netCDF or "
     "HDF5 file"
 )
-_HEIGHT = ("z", "eta", "elevation", "zeta")
+_HEIGHT = ("z", "eta", "elevation", "zeta")  # names of arrays of heights
+# units of time [s], in the singular
 _SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "ms": 1e-3, "millisecond": 1e-3, "min": 60.0,
             "minute": 60.0, "h": 3600.0, "hour": 3600.0, "day": 86400.0}  # fmt: skip
 
@@ -57,11 +58,11 @@ class Frames(NamedTuple):
     names : list of str
         Names of the frames, for errors.
     read : callable
-        Function that returns a frame by its number, as it is in the file.
+        Function that returns a frame by its index, as it is in the file.
     times : ndarray, optional
         Times of the frames [s], None if the files hold none.
     metres : float or None
-        Unit of length of the files [m], None if they have none.
+        Unit of length of the files [m], 1 for meshes; None for grids whose files do not name it.
     """
 
     names: list[str]
@@ -71,7 +72,7 @@ class Frames(NamedTuple):
 
 
 def open_frames(source: str | Sequence[str]) -> Frames:
-    """Return the frames of a source, see `MeshSequence`.
+    """List the frames of a source, see `MeshSequence`.
 
     Raises
     ------
@@ -99,7 +100,7 @@ def open_frames(source: str | Sequence[str]) -> Frames:
 
 
 def _files(files: list[Path], source: object) -> Frames:
-    """Return files in the order of the number that distinguishes their names, or of the names."""
+    """List files in the order of the number that distinguishes their names, or of the names."""
     if not files:
         raise unfit(f"no files in {source!r}", _ALLOWED)
     for file in files:
@@ -107,7 +108,8 @@ def _files(files: list[Path], source: object) -> Frames:
             raise Refused("source", str(file), _ALLOWED)
     files = sorted(files)
     numbers = [re.findall(r"\d+(?:\.\d+)?", file.stem) for file in files]
-    # the first number that differs from file to file orders them, and is their time
+    # the first number that differs from file to file orders them; it is also their time [s] unless
+    # `MeshSequence` gets others
     for column in range(min(map(len, numbers))):
         times = np.array([float(row[column]) for row in numbers])
         if len(np.unique(times)) == len(files):
@@ -117,7 +119,10 @@ def _files(files: list[Path], source: object) -> Frames:
 
 
 def _collection(path: Path) -> Frames:
-    """Return the files of a ParaView collection with their times; parts of one time are refused."""
+    """List the files of a ParaView collection with their times.
+
+    Several parts of one time are refused by `MeshSequence`, since its times must increase.
+    """
     entries = ElementTree.parse(path).getroot().iter("DataSet")
     entries_by_time = sorted((float(e.get("timestep", 0.0)), e.attrib["file"]) for e in entries)
     files = [path.parent / name for _, name in entries_by_time]
@@ -128,7 +133,7 @@ def _collection(path: Path) -> Frames:
 
 
 def _one_each(files: list[Path], times: Floats | None = None) -> Frames:
-    """Return files of one frame each, polygons split."""
+    """Return the frames of files that hold one each; polygons are split into triangles."""
 
     def read(i: int) -> Facets:
         path = files[i]
@@ -152,23 +157,24 @@ def _read_vtk(path: Path) -> Facets:
 
 
 def _numbered(path: Path, n: int) -> list[str]:
-    """Return the names of the frames of one file."""
+    """Return the names of the n frames of one file, for errors."""
     return [f"{path} [{i}]" for i in range(n)]
 
 
 def _xdmf(path: Path) -> Frames:
-    """Return the grids of an XDMF file: one, or a temporal collection.
+    """List the grids of an XDMF file: one, or a temporal collection.
 
     The grids of a collection have their own points and cells, or share those of the first and move
     their points by a point array: positions or displacements of three components, or heights z.
-    Quadrangles are split.
+    Quadrangles are split into triangles.
     """
     every_grid = list(ElementTree.parse(path).getroot().iter("Grid"))
     collection = next((g for g in every_grid if g.get("CollectionType") == "Temporal"), None)
     grids = every_grid[:1] if collection is None else collection.findall("Grid")
+    # the first grid has points in both cases, the last one only where each has its own
     shared = collection is not None and grids[-1].find("Geometry") is None
-    at = [time.attrib["Value"] for grid in grids if (time := grid.find("Time")) is not None]
-    times = np.array(at, np.float64) if len(at) == len(grids) else None
+    stated = [time.attrib["Value"] for grid in grids if (time := grid.find("Time")) is not None]
+    times = np.array(stated, np.float64) if len(stated) == len(grids) else None
 
     def read(i: int) -> Facets:
         with extra("meshes", "source", str(path), "{} for XDMF files"):
@@ -190,6 +196,7 @@ def _xdmf(path: Path) -> Frames:
 
 
 def _spatial(points: Any) -> Floats:
+    """Return points in three dimensions, with 0 for those that are missing."""
     points = np.array(points, np.float64)
     return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
 
@@ -210,7 +217,7 @@ def _moved(points: Any, arrays: dict[str, Any]) -> Floats:
 
 
 def _triangles(blocks: Any) -> NDArray[np.int64]:
-    """Return the facets of blocks of cells."""
+    """Return the facets of blocks of cells of meshio, quadrangles split into triangles."""
     faces = [block.data for block in blocks if block.type == "triangle"]
     for block in blocks:
         if block.type == "quad":
@@ -221,7 +228,7 @@ def _triangles(blocks: Any) -> NDArray[np.int64]:
 
 
 def _grids(path: Path) -> Frames:
-    """Return heights z(t, i, j) over a grid x(i, j), y(i, j), or over axes, of netCDF or HDF5."""
+    """List the frames of a netCDF or HDF5 file: z(t, i, j) over x(i, j), y(i, j) or over axes."""
     with opened(path, None, decode_times=False) as data:
         names = {name.lower(): name for name in map(str, data.variables)}
         z = data[_height(data, names)]
@@ -235,7 +242,8 @@ def _grids(path: Path) -> Frames:
         if time is not None and z.ndim == 3 and data[time].shape == z.shape[:1]:
             times = _seconds(data[time])
         n = z.shape[0] if z.ndim == 3 else 1
-    require_size(64 * n, n, str(path))  # of the names of the frames
+    # memory of the names of the frames: a file may state any number of them
+    require_size(64 * n, n, str(path))
 
     def read(i: int) -> Facets:
         with opened(path, None, decode_times=False) as data:
@@ -246,7 +254,11 @@ def _grids(path: Path) -> Frames:
 
 
 def _lengths(axes: list[xarray.DataArray]) -> tuple[Floats, float | None]:
-    """Return the units of x, y and z in that of x, and that of x [m], None if one has none."""
+    """Return the factors of x, y and z to the unit of x, and that unit [m].
+
+    The factor of depths (positive downwards) is negative. Without units for all three the factors
+    are 1 and the unit is None.
+    """
     units = [unit_of(axis) for axis in axes]
     if not all(units):
         return np.ones(3), None
@@ -269,11 +281,11 @@ def _grid_facets(
     i: int,
     factors: Floats,
 ) -> Facets:
-    """Return a frame as triangles that face up, cells split."""
+    """Return frame i as triangles that face up; `along` is x, `across` is y."""
     z = heights[i] if heights.ndim == 3 else heights
-    first, second = along.dims, across.dims
-    # files may count along y first
-    if len(first) == len(second) == 1 and (*second, *first) == z.dims:
+    x_dims, y_dims = along.dims, across.dims
+    # over axes, files may have the heights as z(y, x)
+    if len(x_dims) == len(y_dims) == 1 and (*y_dims, *x_dims) == z.dims:
         z = z.transpose()
     grid = (along.size, across.size) if along.ndim == across.ndim == 1 else along.shape
     if z.ndim != 2 or z.shape != grid or (along.ndim != 1 and across.shape != grid):
@@ -291,10 +303,10 @@ def _grid_facets(
         raise unfit(f"a grid of shape {height.shape}", "two or more points along x and y")
     vertices = np.stack([x, y, height], axis=-1).reshape(-1, 3)
     faces = grid_faces(*height.shape).astype(np.int64)
-    step, side = np.diff(x, axis=0)[0, 0], np.diff(x, axis=1)[0, 0]
-    # an axis may fall, which would turn the facets over
-    turn = step * np.diff(y, axis=1)[0, 0] - side * np.diff(y, axis=0)[0, 0]
-    return vertices, faces if turn > 0.0 else faces[:, ::-1]
+    # an axis may decrease, which would turn the facets over: d(x, y) / d(i, j) is then negative
+    x_i, x_j = np.diff(x, axis=0)[0, 0], np.diff(x, axis=1)[0, 0]
+    jacobian = x_i * np.diff(y, axis=1)[0, 0] - x_j * np.diff(y, axis=0)[0, 0]
+    return vertices, faces if jacobian > 0.0 else faces[:, ::-1]
 
 
 def _height(data: xarray.Dataset, names: dict[str, str]) -> str:
@@ -320,8 +332,10 @@ def _seconds(time: xarray.DataArray) -> Floats:
 
 
 _KEPT = 2  # frames in memory
-_DEEPEST = 50.0  # [m]: higher numbers are millimetres, no waves
-_AXES = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}  # cyclic: no mirror
+_DEEPEST = 50.0  # [m]: larger heights are taken for millimetres, no waves
+# The axis that points up, to the columns of a file that become x, y, z: cyclic, so that nothing is
+# mirrored.
+_AXES = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
 
 
 def _plain(value: Any) -> Any:
@@ -334,7 +348,7 @@ def _plain(value: Any) -> Any:
 
 
 class MeshSequence(Model, frozen=True):
-    """A surface as meshes in files, one a time.
+    """A surface as meshes in files, one for each time.
 
     Parameters
     ----------
@@ -396,7 +410,7 @@ class MeshSequence(Model, frozen=True):
     frame_rate: Positive | None = None
 
     _frames: Frames = PrivateAttr()
-    _at: Floats = PrivateAttr()
+    _frame_times: Floats = PrivateAttr()  # [s], shape (frames,)
     _mesh_of: Callable[[int], TriangleMesh] = PrivateAttr()
     _lock: Any = PrivateAttr(default_factory=Lock)
 
@@ -414,25 +428,25 @@ class MeshSequence(Model, frozen=True):
     def model_post_init(self, context: Any) -> None:
         """List the frames and their times."""
         self._frames = open_frames(self.source)  # type: ignore[misc]  # private: not frozen
-        # a cache for each sequence, which ends with it
+        # a cache of this sequence alone, freed with it
         self._mesh_of = lru_cache(maxsize=_KEPT)(self._read)  # type: ignore[misc]
-        at, n = self._frames.times, len(self)
-        # stated times come first, then a stated rate, then those in the files
+        times, n = self._frames.times, len(self)
+        # given times take precedence, then a given rate, then the times in the files
         if self.times is not None:
-            at = np.array(self.times)
+            times = np.array(self.times)
         elif self.frame_rate is not None:
-            at = np.arange(n) / self.frame_rate
-        elif at is None and n == 1:
-            at = np.zeros(1)
+            times = np.arange(n) / self.frame_rate
+        elif times is None and n == 1:
+            times = np.zeros(1)
         if n == 0:
             raise unfit(f"no frames in {self.source!r}", "one or more meshes")
-        if at is None:
+        if times is None:
             raise Refused("times", None, "times [s] or frame_rate, for frames without times")
-        if len(at) != n:
-            raise Refused("times", Described(f"{len(at)} times for {n} frames"), "one a frame")
-        if not np.isfinite(at).all() or not (np.diff(at) > 0.0).all():
+        if len(times) != n:
+            raise Refused("times", Described(f"{len(times)} times for {n} frames"), "one a frame")
+        if not np.isfinite(times).all() or not (np.diff(times) > 0.0).all():
             raise Refused("times", Described("not increasing"), "increasing times [s], all finite")
-        self._at = at  # type: ignore[misc]
+        self._frame_times = times  # type: ignore[misc]
 
     def __len__(self) -> int:
         return len(self._frames.names)
@@ -455,6 +469,7 @@ class MeshSequence(Model, frozen=True):
             return self._mesh_of(i)
 
     def _read(self, i: int) -> TriangleMesh:
+        """Read frame i from its file, in m, with z upwards."""
         name = self._frames.names[i]
         try:
             vertices, faces = self._frames.read(i)
@@ -491,26 +506,28 @@ class MeshSequence(Model, frozen=True):
             If the time lies outside the record, a frame cannot be read or is no surface (see
             `from_trimesh`), or frames of other facets are to be blended.
         """
-        at, time = self._at, TIME.check(time)
-        # times of a study are rounded
-        if not at[0] - 1e-9 <= time <= at[-1] + 1e-9:
-            raise Refused("time", time, f"{at[0]:g} <= time <= {at[-1]:g} s, the record")
-        if self.blend == "nearest" or len(at) == 1:
-            return self.frame(int(np.abs(at - time).argmin()))
-        i = int(np.clip(np.searchsorted(at, time, side="right") - 1, 0, len(at) - 2))
-        share = min(max((time - at[i]) / (at[i + 1] - at[i]), 0.0), 1.0)
+        times, time = self._frame_times, TIME.check(time)
+        # times of a study are rounded, by less than 1e-9 s
+        if not times[0] - 1e-9 <= time <= times[-1] + 1e-9:
+            raise Refused("time", time, f"{times[0]:g} <= time <= {times[-1]:g} s, the record")
+        if self.blend == "nearest" or len(times) == 1:
+            return self.frame(int(np.abs(times - time).argmin()))
+        i = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 2))
+        # weight of the later frame
+        weight = min(max((time - times[i]) / (times[i + 1] - times[i]), 0.0), 1.0)
         # at a frame there is nothing to blend, nor another file to read
-        if share in (0.0, 1.0):
-            return self.frame(i + int(share))
+        if weight in (0.0, 1.0):
+            return self.frame(i + int(weight))
         before, after = self.frame(i), self.frame(i + 1)
         if not np.array_equal(before.faces, after.faces):
             reason = Described(f'"linear" from {len(before.faces)} to {len(after.faces)} facets')
             allowed = 'the same facets in all frames; else blend = "nearest"'
             raise Refused("blend", reason, allowed, source=self._frames.names[i + 1])
-        vertices = before.vertices + share * (after.vertices - before.vertices)
-        normals = (1.0 - share) * before.vertex_normals + share * after.vertex_normals
+        vertices = before.vertices + weight * (after.vertices - before.vertices)
+        normals = (1.0 - weight) * before.vertex_normals + weight * after.vertex_normals
         length = np.linalg.norm(normals, axis=1)
-        normals[length < 1e-3] = before.vertex_normals[length < 1e-3]  # opposite ones
+        # opposite normals nearly cancel, which leaves no direction
+        normals[length < 1e-3] = before.vertex_normals[length < 1e-3]
         normals /= np.linalg.norm(normals, axis=1)[:, None]
         return TriangleMesh(vertices, before.faces, normals, overhangs=True)
 
@@ -518,8 +535,8 @@ class MeshSequence(Model, frozen=True):
         """Return the source (absolute paths) and options as plain data; see `sea_from_config`."""
         config = self.model_dump(mode="json", exclude_unset=True)
         source = self.source
-        whole = abspath(source) if isinstance(source, str) else list(map(abspath, source))
-        return {"kind": self.kind} | config | {"source": whole}
+        absolute = abspath(source) if isinstance(source, str) else list(map(abspath, source))
+        return {"kind": self.kind} | config | {"source": absolute}
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, MeshSequence) and self.to_config() == other.to_config()

@@ -214,7 +214,7 @@ def _from_fourier(
 
 
 def maximum_entropy(c1: NDArray[Any], c2: NDArray[Any], theta: Floats) -> Floats:
-    """Return shares of direction bins of the maximum entropy distribution.
+    """Return the energy fractions in direction bins by the maximum entropy method.
 
     D = (1 - phi1 c1* - phi2 c2*) / (2 pi |1 - phi1 exp(-i theta) - phi2 exp(-2 i theta)|^2),
     phi1 = (c1 - c2 c1*) / (1 - |c1|^2), phi2 = c2 - c1 phi1; Lygre and Krogstad (1986),

@@ -25,12 +25,13 @@ from .waves import GRAVITY, WaveComponents, angular_frequency, wavenumber
 SHORTEST = 5000.0
 """Largest wavenumber [rad m-1]: waves of 1.3 mm, beyond which no spectrum has slopes."""
 
-_WAVENUMBERS = 6_000
-_HARMONICS = 12  # of the spreading, beyond which the covariance of the slopes has no share
-_COARSER = 6  # wavenumbers of the elevation are so much fewer than those of the slopes
-_NEGLIGIBLE = 1e-6  # harmonic of a spreading that is left out
-_SPREADING_NODES = 720
-_SPREADING_WAVENUMBERS = 400  # the spreading changes slowly with k
+# Tuned: the numbers of nodes trade accuracy for time.
+_WAVENUMBERS = 6_000  # nodes of a slope spectrum
+_HARMONICS = 12  # last harmonic of the spreading that the covariances take into account
+_COARSER = 6  # ratio of the numbers of wavenumbers for slopes and for the elevation
+_NEGLIGIBLE = 1e-6  # harmonics of a spreading below this are left out
+_SPREADING_NODES = 720  # of the angle to the wind
+_SPREADING_WAVENUMBERS = 400  # at which the spreading is evaluated: it changes slowly with k
 
 
 class SlopeSpectrum(NamedTuple):
@@ -43,7 +44,8 @@ class SlopeSpectrum(NamedTuple):
     variance : ndarray, shape (n,)
         Slope variance of each node, k^2 S d(omega).
     harmonics : ndarray, shape (15, n)
-        int D(theta) cos(m theta) d(theta) for m = 0, 1, ..., with theta from the wind.
+        int D(theta) cos(m theta) d(theta) for m = 0, 1, ..., with theta from the wind; two more
+        than the covariances use, since squares of slopes shift the order by 2.
     """
 
     k: Floats
@@ -61,8 +63,8 @@ class SlopeSpectrum(NamedTuple):
         capillary: bool = True,
     ) -> SlopeSpectrum:
         """Return the slopes of waves up to a frequency, or of all waves down to 1.3 mm."""
-        # a hundredth of the peak's wavenumber is a tenth
-        # of its frequency, where spectra have underflowed
+        # a hundredth of the peak's wavenumber is a tenth of its frequency (omega^2 = g k), where
+        # spectra have underflowed
         low = 1e-2 * spectrum.omega_p**2 / GRAVITY
         k = np.geomspace(low, SHORTEST, _WAVENUMBERS)
         omega = angular_frequency(k, depth, capillary)
@@ -70,16 +72,16 @@ class SlopeSpectrum(NamedTuple):
             require_between(omega_max, 0.0, math.inf, "omega_max")
             k = np.geomspace(low, np.interp(omega_max, omega, k), _WAVENUMBERS)
             omega = angular_frequency(k, depth, capillary)
+        # trapezoidal rule in ln k: S(omega) d(omega) = S(omega) d(omega)/d(ln k) d(ln k)
         weight = np.full(len(k), math.log(k[1] / k[0]))
         weight[[0, -1]] *= 0.5
-        # by trapezoids in ln k: S(omega) d(omega) = S(omega) d(omega)/d(ln k) d(ln k)
         variance = weight * np.gradient(omega, np.log(k)) * k**2 * spectrum(omega)
         theta = (np.arange(_SPREADING_NODES) + 0.5) * 2.0 * math.pi / _SPREADING_NODES - math.pi
         sampled = np.unique(np.linspace(0, len(k) - 1, _SPREADING_WAVENUMBERS).astype(int))
         density = spreading.density(omega[sampled, None], theta, **sea_state(spectrum))
         density = density / density.sum(axis=1, keepdims=True)
-        azimuthal = _product(np.cos(np.arange(_HARMONICS + 3)[:, None] * theta), density)
-        harmonics = np.stack([np.interp(np.log(k), np.log(k[sampled]), row) for row in azimuthal])
+        at_sampled = _product(np.cos(np.arange(_HARMONICS + 3)[:, None] * theta), density)
+        harmonics = np.stack([np.interp(np.log(k), np.log(k[sampled]), row) for row in at_sampled])
         return cls(k, omega, variance, harmonics)
 
     @property
@@ -90,11 +92,12 @@ class SlopeSpectrum(NamedTuple):
         return along, float(np.sum(self.variance)) - along
 
     def distances(self, low: float, high: float, number: int) -> Floats:
-        """Return some `number` of geometric distances from `low` to at least `high` [m].
+        """Return about `number` geometric distances from `low` to at least `high` [m].
 
         Their ratio is a power of that of the wavenumbers, so that few products of the two differ.
         """
         span = math.log(high / low)
+        # a whole number of steps of the wavenumbers of `elevation`, and so of `covariance`
         step = _COARSER * math.log(self.k[1] / self.k[0])
         step *= max(1, round(span / (number - 1) / step))
         return low * np.exp(step * np.arange(math.ceil(span / step) + 1))
@@ -129,18 +132,20 @@ class SlopeSpectrum(NamedTuple):
         parts = np.zeros((3, len(lags), len(distance), len(azimuth)))
         bessel = _bessel_functions(distance, self.k)
         for n in range(_HARMONICS + 1):
-            turn = quadrature if n % 2 else in_phase
-            # k_x^2, k_y^2 and k_x k_y hold cos and sin of 2 theta, which shift the order by 2
+            in_time = quadrature if n % 2 else in_phase
+            # k_x^2 + k_y^2, k_x^2 - k_y^2 and 2 k_x k_y are k^2 times 1, cos(2 theta) and
+            # sin(2 theta), which shift the order by 2
             lower, upper = self.harmonics[abs(n - 2)], self.harmonics[n + 2]
-            shares = np.stack([self.harmonics[n], 0.5 * (lower + upper), 0.5 * (lower - upper)])
-            if not turn.any() or np.abs(shares).max() < _NEGLIGIBLE:
+            terms = np.stack([self.harmonics[n], 0.5 * (lower + upper), 0.5 * (lower - upper)])
+            if not in_time.any() or np.abs(terms).max() < _NEGLIGIBLE:
                 continue
+            # (-1)^(n//2) is the sign of Re(i^n exp(-i omega tau)), 2 or 1 is e_n
             weight = (-1.0) ** (n // 2) * (2.0 if n else 1.0) * self.variance
-            around = np.cos(n * azimuth), np.cos(n * azimuth), np.sin(n * azimuth)
-            weighted = np.vstack([weight * share * turn for share in shares])
+            in_azimuth = np.cos(n * azimuth), np.cos(n * azimuth), np.sin(n * azimuth)
+            weighted = np.vstack([weight * term * in_time for term in terms])
             moments = _product(weighted, bessel(n)).reshape(3, len(lags), len(distance))
             for i in range(3):
-                parts[i] += moments[i][:, :, None] * around[i]
+                parts[i] += moments[i][:, :, None] * in_azimuth[i]
         total, difference, cross = parts
         return np.stack([0.5 * (total + difference), 0.5 * (total - difference), 0.5 * cross])
 
@@ -157,17 +162,19 @@ class SlopeSpectrum(NamedTuple):
         ndarray, shape (3, nt, nr, np)
             rho [m2], d(rho)/dx and d(rho)/dy [m] with x along the wind.
         """
-        coarser = slice(None, None, _COARSER)  # the elevation has no short waves
+        coarser = slice(None, None, _COARSER)  # short waves have little elevation
         k, omega = self.k[coarser], self.omega[coarser]
+        # of the elevation: k^2 less than that of the slopes
         variance = np.add.reduceat(self.variance / self.k**2, np.arange(0, len(self.k), _COARSER))
-        turns = np.cos(np.outer(lags, omega)), np.sin(np.outer(lags, omega))
+        # d(rho) by distance, and by azimuth over the distance; orders as in `covariance`
+        in_time = np.cos(np.outer(lags, omega)), np.sin(np.outer(lags, omega))
         rho, radial, around = (np.zeros((len(lags), len(distance), len(azimuth))) for _ in range(3))
         bessel = _bessel_functions(distance, k)
         for n in range(_HARMONICS + 1):
             weight = (
                 (-1.0) ** (n // 2) * (2.0 if n else 1.0) * variance * self.harmonics[n][coarser]
             )
-            weighted = weight * turns[n % 2]
+            weighted = weight * in_time[n % 2]
             if np.abs(weighted).max() < _NEGLIGIBLE * variance.max():
                 continue
             # dJ_n/dz = n J_n / z - J_(n+1)
@@ -182,7 +189,7 @@ class SlopeSpectrum(NamedTuple):
 
 
 def _product(few: Floats, many: Floats) -> Floats:
-    """Return few @ many.T; below 16 rows without the threads of BLAS, which cost more than that."""
+    """Return few @ many.T; below 16 rows (tuned) without BLAS, whose threads cost more than it."""
     if len(few) < 16:
         return np.einsum("ik,jk->ij", few, many)
     return few @ np.ascontiguousarray(many).T
@@ -191,12 +198,14 @@ def _product(few: Floats, many: Floats) -> Floats:
 def _bessel_functions(distance: Floats, k: Floats) -> Callable[[int], Floats]:
     """Return n -> J_n(z) for the products z of distances and wavenumbers.
 
-    The products of two geometric rows are one row, of which each distance sees a window.
+    The result has the shape (distances, wavenumbers). Both are geometric progressions, and so are
+    their products: all are windows of one progression z, which starts later for each distance.
     Upward recurrence where z > n, the series below 1/2, and scipy between.
     """
     from scipy.special import j0, j1, jv
 
     step = math.log(k[1] / k[0])
+    # steps of z from one distance to the next
     apart = round(math.log(distance[1] / distance[0]) / step)
     steps = np.arange(len(k) + apart * (len(distance) - 1))
     z = distance[0] * k[0] * np.exp(step * steps)
@@ -208,6 +217,7 @@ def _bessel_functions(distance: Floats, k: Floats) -> Callable[[int], Floats]:
         half = 0.5 * z
         # upward recurrence J_n = 2 (n - 1) / z J_(n-1) - J_(n-2), stable where z > n
         values = (n - 1) / half * value(n - 1) - value(n - 2)
+        # J_n(z) = (z/2)^n / n! (1 - q / (n+1) + q^2 / (2 (n+1) (n+2)) - ...), q = (z/2)^2
         near = z < 0.5
         q = half[near] ** 2
         series = 1.0 - q / (n + 1) * (1.0 - q / (2.0 * (n + 2)) * (1.0 - q / (3.0 * (n + 3))))
@@ -222,8 +232,10 @@ def _bessel_functions(distance: Floats, k: Floats) -> Callable[[int], Floats]:
     return products
 
 
+# Limits of integrals over whole spectra, over the peak's frequency.
 _LOWEST = 0.05
 _HIGHEST = 1e6
+# Tuned: panels of Gauss-Legendre rules in ln(omega), and nodes of each.
 _PANELS_PER_E_FOLD = 32
 _NODES = 8
 
@@ -392,9 +404,9 @@ def sampled_hs(mesh: TriangleMesh) -> float:
 
     Vertices count by the area around them, so that graded meshes are not biased.
     """
-    share = _vertex_share(mesh)
+    weight = _vertex_weights(mesh)
     z = mesh.vertices[:, 2]
-    return 4.0 * math.sqrt(float(np.sum(share * (z - np.sum(share * z)) ** 2)))
+    return 4.0 * math.sqrt(float(np.sum(weight * (z - np.sum(weight * z)) ** 2)))
 
 
 @check_call
@@ -415,7 +427,7 @@ def sampled_slope_variance(mesh: TriangleMesh, wind_direction_deg: float = 0.0) 
     """
     normal = mesh.vertex_normals
     slopes = -normal[:, 0] / normal[:, 2], -normal[:, 1] / normal[:, 2]
-    return _mean_squares(_vertex_share(mesh), *slopes, wind_direction_deg)
+    return _mean_squares(_vertex_weights(mesh), *slopes, wind_direction_deg)
 
 
 @check_call
@@ -486,10 +498,10 @@ def unresolved_slope_variance(target: Variances, resolved: Variances) -> Varianc
     >>> [round(v, 4) for v in unresolved_slope_variance(cox_munk(5.0), resolved)]
     [0.011, 0.011]
     """
-    wanted, allowed = Range("target", 0.0, closed=True), Range("resolved", 0.0, closed=True)
+    targets, present = Range("target", 0.0, closed=True), Range("resolved", 0.0, closed=True)
     along, across = (
-        max(0.0, wanted.check(whole) - allowed.check(present))
-        for whole, present in zip(target, resolved, strict=True)
+        max(0.0, targets.check(real) - present.check(meshed))
+        for real, meshed in zip(target, resolved, strict=True)
     )
     return along, across
 
@@ -560,13 +572,14 @@ def meshed_slope_variance(
 ) -> tuple[Variances, Variances]:
     """Return the slope variances of a wave sum on a triangle mesh.
 
-    Normals interpolated between corners with exact slopes keep, of the variance of a wave k,
+    Normals interpolated between corners with exact slopes have the variance of a wave k times
 
         1/2 + (cos(kx h) + cos(ky h) + cos(kx h) cos(ky h)) / 6,
 
-    the mean over both diagonals. The slopes of the facets are differences of corners: they keep
-    sinc^2(kx h / 2) along x and sinc^2(ky h / 2) along y, and since the two edges of a facet
-    lie half a cell apart, cos(kx h / 2) cos(ky h / 2) of the product of both.
+    the mean over both diagonals. The slopes of the facets are differences of corners: their
+    variances have the factors sinc^2(kx h / 2) along x and sinc^2(ky h / 2) along y. The two edges
+    of a facet lie half a cell apart, so that the product of the slopes along x and y has, beside
+    both sincs, the factor cos(kx h / 2) cos(ky h / 2).
 
     Parameters
     ----------
@@ -598,14 +611,16 @@ def meshed_slope_variance(
     h = Range("spacing", 0.0, unit="m").check(spacing)
     power = 0.5 * waves.amplitude**2
     cx, cy = np.cos(waves.kx * h), np.cos(waves.ky * h)
-    gain = 0.5 + (cx + cy + cx * cy) / 6.0
-    vertex = _mean_squares(power * gain, waves.kx, waves.ky, wind_direction_deg)
+    factor = 0.5 + (cx + cy + cx * cy) / 6.0
+    vertex = _mean_squares(power * factor, waves.kx, waves.ky, wind_direction_deg)
+    # np.sinc(x) is sin(pi x) / (pi x)
     sx = waves.kx * np.sinc(waves.kx * h / (2.0 * math.pi))
     sy = waves.ky * np.sinc(waves.ky * h / (2.0 * math.pi))
     both = sx * sy * np.cos(0.5 * waves.kx * h) * np.cos(0.5 * waves.ky * h)
     xx, yy, xy = (float(np.sum(power * term)) for term in (sx**2, sy**2, both))
-    turn = math.radians(wind_direction_deg)
-    cos, sin = math.cos(turn), math.sin(turn)
+    # turn the covariance of the slopes from x and y to along and across the wind
+    wind = math.radians(wind_direction_deg)
+    cos, sin = math.cos(wind), math.sin(wind)
     cross = 2.0 * cos * sin * xy
     return vertex, (cos**2 * xx + sin**2 * yy + cross, sin**2 * xx + cos**2 * yy - cross)
 
@@ -613,14 +628,18 @@ def meshed_slope_variance(
 def _quadrature(
     spectrum: Spectrum, order: float, omega_min: float, omega_max: float | None
 ) -> tuple[Floats, Floats]:
-    """Return Gauss-Legendre nodes and weights in log(omega), with a joint at the peak."""
+    """Return nodes omega and weights of int d(omega): Gauss-Legendre panels in ln(omega).
+
+    The peak is an edge of a panel. `order` is that of the moment, which may diverge.
+    """
     if omega_max is None and order >= 3:
         raise Refused("omega_max", None, f"a finite limit [rad/s] for order {order:g}")
     peak = spectrum.omega_p
     Range("omega_min", 0.0, unit="rad/s", closed=True).check(omega_min)
     top = _HIGHEST * peak if omega_max is None else omega_max
     Range("omega_max", omega_min, unit="rad/s").check(top)
-    # Every spectrum has underflowed to zero below a twentieth of its peak.
+    # Every spectrum has underflowed to zero below a twentieth of its peak; an upper limit that is
+    # lower still leaves a panel.
     low = max(omega_min, min(_LOWEST * peak, 0.5 * top))
     # a set, since a limit may be the peak, where the enhancement has its kink
     joints = np.log(sorted({low, min(max(low, peak), top), top}))
@@ -635,18 +654,19 @@ def _quadrature(
 
 
 def _mean_squares(weight: Floats, x: Floats, y: Floats, wind_direction_deg: float) -> Variances:
-    """Return the weighted squares of the parts of vectors along and across the wind."""
+    """Return the weighted sums of squares of the components of (x, y) along and across the wind."""
     Range("wind_direction_deg", unit="deg").check(wind_direction_deg)
-    turn = math.radians(wind_direction_deg)
-    cos, sin = math.cos(turn), math.sin(turn)
+    wind = math.radians(wind_direction_deg)
+    cos, sin = math.cos(wind), math.sin(wind)
     along, across = cos * x + sin * y, cos * y - sin * x
     return float(np.sum(weight * along**2)), float(np.sum(weight * across**2))
 
 
-def _vertex_share(mesh: TriangleMesh) -> Floats:
-    """Return each vertex's share of the area seen from above, summing to one."""
+def _vertex_weights(mesh: TriangleMesh) -> Floats:
+    """Return each vertex's fraction of the area seen from above; they sum to 1."""
     a, b, c = (mesh.vertices[mesh.faces[:, i], :2] for i in range(3))
     u, v = b - a, c - a
+    # twice the area, which cancels below
     area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     # A third of each facet belongs to each of its corners.
     corners = mesh.faces.ravel()

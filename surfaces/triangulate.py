@@ -27,7 +27,7 @@ GROWTH = 1.1
 """Ratio of neighbouring steps in the coarsening part of a graded grid."""
 
 DEFAULT_COARSENING = 10.0
-"""Largest step of a graded grid over its finest, unless given."""
+"""Ratio of the largest step of a graded grid to its finest, by default."""
 
 
 class GridLines(NamedTuple):
@@ -109,21 +109,23 @@ def _graded(fine_extent: float, extent: float, spacing: float, coarse_spacing: f
     fine_steps = _step_count(fine_extent, spacing)
     inner = fine_extent * (np.arange(fine_steps + 1) / fine_steps)
     rest = extent - fine_extent
-    ceiling = math.log(coarse_spacing / spacing) / math.log(GROWTH)
-    # beyond the ceiling every step is a coarse one, which bounds their number
-    most = _step_count(rest, spacing, ceiling + 1.0 + rest / coarse_spacing)
-    outer = spacing * GROWTH ** np.minimum(np.arange(1, most + 1), ceiling)
-    reach = np.cumsum(outer)
+    # number of steps, not a whole one, after which the growing step is the coarse one
+    growing = math.log(coarse_spacing / spacing) / math.log(GROWTH)
+    # all later steps are coarse ones, which bounds their number
+    most = _step_count(rest, spacing, growing + 1.0 + rest / coarse_spacing)
+    steps = spacing * GROWTH ** np.minimum(np.arange(1, most + 1), growing)
+    reach = np.cumsum(steps)
+    # the first step that meets the end, up to rounding; all are then shrunk so that it is the end
     needed = int(np.searchsorted(reach, rest * (1.0 - 1e-12))) + 1
     half = np.concatenate([inner, fine_extent + reach[:needed] * (rest / reach[needed - 1])])
-    # exactly, so that meshes of one extent have the same bounds
+    # without rounding, so that meshes of one extent have the same bounds
     half[-1] = extent
     half.flags.writeable = False  # shared by the meshes of a series
     return half
 
 
 def _step_count(length: float, spacing: float, enough: float = math.inf) -> int:
-    """Return the number of steps over a length, or `enough` if that is fewer."""
+    """Return the number of steps over a length [m], or `enough` (rounded up) if that is fewer."""
     # The tolerance keeps 2 * 20 / 0.1 at 400 steps whatever the last bit of the quotient.
     steps = min(length / spacing * (1.0 - 1e-12), enough)
     if not steps < MAX_LINES - 1:
@@ -186,7 +188,7 @@ def triangulate(
 def height_field(
     x_axis: ArrayLike, y_axis: ArrayLike, z: ArrayLike, sx: ArrayLike, sy: ArrayLike
 ) -> tuple[Floats, Floats]:
-    """Return points and unit normals, shapes (nx, ny, 3), of a height field; see `triangulate`."""
+    """Return the points and unit normals of a height field, (nx, ny, 3); see `triangulate`."""
     x_axis, y_axis = increasing("x_axis", x_axis), increasing("y_axis", y_axis)
     shape = len(x_axis), len(y_axis)
     z, sx, sy = (np.asarray(a, dtype=np.float64) for a in (z, sx, sy))
@@ -217,6 +219,7 @@ def grid_faces(nx: int, ny: int) -> NDArray[np.int32]:
     The array is shared between meshes of one shape and therefore read-only.
     """
     corner = np.arange(nx * ny, dtype=np.int32).reshape(nx, ny)
+    # corners of every cell, counter-clockwise from (i, j): (i + 1, j), (i + 1, j + 1), (i, j + 1)
     a, b, c, d = corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]
     even = (np.add.outer(np.arange(nx - 1), np.arange(ny - 1)) % 2 == 0)[..., None]
     first = np.where(even, np.stack([a, b, c], axis=-1), np.stack([a, b, d], axis=-1))
@@ -227,7 +230,7 @@ def grid_faces(nx: int, ny: int) -> NDArray[np.int32]:
 
 
 def increasing(name: str, axis: ArrayLike) -> Floats:
-    """Return grid lines as an array; refuse others than two or more increasing ones."""
+    """Return grid lines as an array; refuse them unless they are two or more and increasing."""
     axis = np.asarray(axis, dtype=np.float64)
     if axis.ndim != 1 or len(axis) < 2 or not (np.diff(axis) > 0.0).all():
         raise Refused(name, Described(f"shape {axis.shape}"), "two or more increasing numbers [m]")
@@ -239,10 +242,10 @@ def grid_points(x_axis: Floats, y_axis: Floats, z: Floats) -> Floats:
     return np.stack(np.broadcast_arrays(x_axis[:, None], y_axis, z), axis=-1)
 
 
-# float32 files (binary STL, PLY) carry positions to 6e-8 of their size.
+# Relative to the size of the square. float32 files (binary STL, PLY) carry positions to 6e-8.
 _COVERAGE_TOLERANCE = 1e-6
-_STEEPEST_NORMAL_Z = 1e-6
-_SMALLEST_AREA = 1e-12
+_STEEPEST_NORMAL_Z = 1e-6  # z of the unit normal of a facet that counts as vertical
+_SMALLEST_AREA = 1e-12  # twice the area of a facet over its longest edge squared
 
 
 @check_call
@@ -253,7 +256,7 @@ def from_trimesh(
     overhangs: bool = False,
     normals: Literal["area", "angle"] = "area",
 ) -> TriangleMesh:
-    """Return the mesh of a surface from another source.
+    """Return the mesh of a surface from a file, a `trimesh.Trimesh` or arrays.
 
     Parameters
     ----------
@@ -313,13 +316,13 @@ def from_trimesh(
 
 
 def unfit(reason: str, allowed: str) -> Refused:
-    """Return the refusal of a source of meshes, by words about it."""
+    """Return the refusal of a source of meshes: what it is, and what is allowed."""
     return Refused("source", Described(reason), allowed)
 
 
 @check_call
 def read_mesh(source: Any) -> tuple[Floats, NDArray[np.int64]]:
-    """Return vertices and facets of any source of `from_trimesh`, with their shapes checked."""
+    """Return vertices and facets of any source of `from_trimesh`; refuse wrong shapes."""
     if isinstance(source, str | PathLike):
         import trimesh
 
@@ -352,12 +355,14 @@ def read_mesh(source: Any) -> tuple[Floats, NDArray[np.int64]]:
 
 
 def _read_grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
+    """Return vertices and facets of a grid, given by its axes or the arrays of `numpy.meshgrid`."""
     for name, values in (("x", x), ("y", y), ("z", z)):
         require_plain(values, name, "a grid without gaps")
     x, y, z = (np.asarray(a, dtype=np.float64) for a in (x, y, z))
     if x.ndim == 2:
         if x.shape != z.shape or y.shape != z.shape or z.size == 0:
             raise unfit(f"shapes {x.shape}, {y.shape}, {z.shape}", "equal ones")
+        # x varies along the second index: numpy.meshgrid with indexing="xy", its default
         if np.ptp(x[0]) > 0.0:
             x, y, z = x.T, y.T, z.T
         if (x != x[:, :1]).any() or (y != y[:1]).any():
@@ -370,14 +375,16 @@ def _read_grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Floats, NDArra
 
 
 def _merged(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the distinct used vertices, in their first order, and the facets."""
+    """Return the distinct vertices that facets use, in their order, and the facets of them."""
     import pandas as pd
 
+    # corner: index of every corner of a facet into the used vertices
     used, corner = np.unique(faces, return_inverse=True)
     vertices = vertices[used]
     if not np.isfinite(vertices).all():
         raise unfit("vertices not all finite", "finite coordinates [m]")
     table = pd.DataFrame(vertices)
+    # groups of equal vertices, numbered in the order of their first ones
     group = table.groupby([0, 1, 2], sort=False).ngroup().to_numpy()
     return vertices[~table.duplicated().to_numpy()], group[corner].reshape(-1, 3)
 
@@ -385,21 +392,25 @@ def _merged(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray
 def _area_vectors(vertices: Floats, faces: NDArray[np.int64]) -> Floats:
     """Return twice the area vectors of the facets; refuse facets without area."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
-    edge = np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], axis=0)
+    edge2 = np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], axis=0)
     cross = np.cross(b - a, c - a)
-    count = np.count_nonzero(np.linalg.norm(cross, axis=1) <= _SMALLEST_AREA * edge)
+    count = np.count_nonzero(np.linalg.norm(cross, axis=1) <= _SMALLEST_AREA * edge2)
     if count:
         raise unfit(f"{count} of {len(faces)} facets without area", "none")
     return cross
 
 
 def _outline(n: int, faces: NDArray[np.int64], cross: Floats, overhangs: bool) -> NDArray[np.int64]:
-    """Return the directed boundary edges, shape (e, 2), of one open piece under air."""
+    """Return the directed boundary edges (e, 2); refuse all but one open piece that faces up.
+
+    `cross` holds the area vectors of the facets, and `n` is the number of vertices.
+    """
     edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     # a directed edge as one number, for sorting
     forward, backward = edges[:, 0] * n + edges[:, 1], edges[:, 1] * n + edges[:, 0]
     # by sorting: numpy's hash tables take ten times as long for such keys
     undirected = np.sort(np.minimum(forward, backward))
+    # uses: number of facets at each edge, from where the next edge starts in the sorted list
     starts = np.flatnonzero(np.diff(undirected, prepend=-1))
     uses = np.diff(starts, append=len(undirected))
     if (uses > 1).all():
@@ -410,6 +421,7 @@ def _outline(n: int, faces: NDArray[np.int64], cross: Floats, overhangs: bool) -
         _refuse_count("facets are vertical", up <= _STEEPEST_NORMAL_Z, len(faces))
     _refuse_count("edges join more than two facets", uses > 2, len(uses))
     if overhangs:
+        # facets of the same winding run along their common edge in opposite directions
         against = np.count_nonzero(np.diff(np.sort(forward)) == 0)
         allowed = "facets counter-clockwise seen from the air"
         if against:
@@ -417,34 +429,37 @@ def _outline(n: int, faces: NDArray[np.int64], cross: Floats, overhangs: bool) -
         if not cross[:, 2].sum() > 0.0:
             reason = "turned over: its outline runs clockwise seen from above"
             raise unfit(reason, f"{allowed}, z up")
+    # edges of the outline are those that no facet runs along in the opposite direction
     reverse = np.sort(backward)
-    at = np.minimum(np.searchsorted(reverse, forward), len(reverse) - 1)
-    outline = edges[reverse[at] != forward]
+    index = np.minimum(np.searchsorted(reverse, forward), len(reverse) - 1)
+    outline = edges[reverse[index] != forward]
     _refuse_many_pieces(n, edges, outline)
     return outline
 
 
 def _refuse_count(what: str, wrong: NDArray[np.bool_], total: int) -> None:
+    """Refuse a source with wrong facets or edges, and say how many they are."""
     count = np.count_nonzero(wrong)
     if count:
         raise unfit(f"{count} of {total} {what}", "a height field that faces up")
 
 
 def _refuse_many_pieces(n: int, edges: NDArray[np.int64], outline: NDArray[np.int64]) -> None:
+    """Refuse a surface that is not one piece without holes."""
     pieces = _component_count(n, edges)
     if pieces > 1:
         raise unfit(f"{pieces} separate pieces or sheets", "one")
     if len(np.unique(outline[:, 0])) < len(outline):
         raise unfit("pieces joined at a single vertex only", "one surface")
-    # Loops of the outline: its components less the vertices
-    # inside, each of which counts as one, and less the outer loop.
+    # Holes are the loops of the outline but for the outer one: its components, less those of single
+    # vertices inside (n - len(outline), as each vertex of a loop starts one edge), less 1.
     holes = _component_count(n, outline) - (n - len(outline)) - 1
     if holes:
         raise unfit(f"{holes} holes inside the outline", "none")
 
 
 def _component_count(n: int, edges: NDArray[np.int64]) -> int:
-    """Return the number of connected components of n vertices, lone ones included."""
+    """Return the number of connected components of n vertices, isolated ones included."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -468,6 +483,7 @@ def _refuse_folds(vertices: Floats, outline: NDArray[np.int64], overhangs: bool)
     # neighbours share a vertex
     apart = (outline[i, 0] != outline[j, 1]) & (outline[i, 1] != outline[j, 0])
     i, j = i[apart], j[apart]
+    # a length of the tolerance times one of the longest segment, as an area
     least = _COVERAGE_TOLERANCE * longest**2 if overhangs else 0.0
     touching = np.count_nonzero(_segments_meet(start[i], end[i], start[j], end[j], least))
     if touching:
@@ -478,20 +494,22 @@ def _refuse_folds(vertices: Floats, outline: NDArray[np.int64], overhangs: bool)
 
 
 def _segments_meet(p: Floats, q: Floats, r: Floats, s: Floats, least: float) -> NDArray[np.bool_]:
-    """Return the mask of segments p-q and r-s in the plane with a point in common.
+    """Return the mask of segments p-q and r-s, points (n, 2), that have a point in common.
 
-    Where `least` > 0, segments that touch or run over each other do not count: the triangles of
-    the ends have to be larger than that [m2].
+    Where `least` > 0, segments that touch or run over each other do not count: twice the area of
+    the triangles of one segment and an end of the other has to be larger than that [m2].
     """
 
     def side(a: Floats, b: Floats, c: Floats) -> Floats:
+        """Return 1 where c lies to the left of a-b, -1 to the right, 0 on it."""
         u, v = b - a, c - a
         twice = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
         return np.where(np.abs(twice) <= least, 0.0, np.sign(twice))
 
     first, second = side(p, q, r) * side(p, q, s), side(r, s, p) * side(r, s, q)
-    # products of signs: -1 for the two sides of a line, 0 for a touch
+    # products of signs: -1 where the ends lie on both sides of the other line, 0 for a touch
     straddle = np.maximum(first, second) < (0.0 if least > 0.0 else 0.5)
+    # bounding boxes overlap: segments on one line have only products of 0
     boxes = (np.maximum(p, q) >= np.minimum(r, s)) & (np.maximum(r, s) >= np.minimum(p, q))
     return straddle & boxes.all(axis=1)
 
@@ -502,7 +520,8 @@ def _refuse_uncovered(segments: Floats, extent: float) -> None:
     corners = inner * np.array([[[1.0, 1.0]], [[-1.0, 1.0]], [[-1.0, -1.0]], [[1.0, -1.0]]])
     start, end = segments[:, 0], segments[:, 1]
     crosses = [_segments_meet(start, end, corners[i - 1], corners[i], 0.0).any() for i in range(4)]
-    # an outline that leaves the sides alone goes round the whole square, or round no corner
+    # An outline that crosses no side goes round the whole square, or round no corner. It goes round
+    # the corner (inner, inner) if a ray from there along +x meets it an odd number of times.
     passing = (start[:, 1] > inner) != (end[:, 1] > inner)
     (x, y), (step_x, step_y) = start[passing].T, (end - start)[passing].T
     right = np.count_nonzero(x + (inner - y) * step_x / step_y > inner)

@@ -31,7 +31,7 @@ CAPILLARY_WAVENUMBER = 370.0
 KINEMATIC_TENSION = GRAVITY / CAPILLARY_WAVENUMBER**2
 """Surface tension over density T [m3 s-2]."""
 
-_NEWTON_STEPS = 60
+_NEWTON_STEPS = 60  # at most; far fewer are needed
 
 
 @check_call
@@ -113,8 +113,8 @@ def wavenumber(omega: ArrayLike, depth: float | None = None, capillary: bool = F
     target = omega[moving] ** 2
     k = gravity_wave[moving]
     if capillary:
-        # The roots of gravity alone and of tension alone both lie above the root: from there
-        # Newton's method falls on a convex function.
+        # The roots for gravity alone and for tension alone both lie above the root. omega^2 is
+        # convex in k, so that Newton's method descends to the root without overshooting.
         k = np.minimum(k, np.cbrt(target / KINEMATIC_TENSION))
     if depth is not None:
         k = k / np.sqrt(np.tanh(k * depth))
@@ -178,14 +178,16 @@ def wavenumber_in_current(
     if current is None:
         return still
     omega, theta, k = np.broadcast_arrays(finite_array("omega", omega, 0.0), theta, still)
+    # component of the current along the wave [m s-1]
     along = current[0] * np.cos(theta) + current[1] * np.sin(theta)
     tiny = np.finfo(float).tiny
 
     def step(k: Floats) -> Floats:
         squared, slope = _squared_frequency(k, depth, capillary)
         sigma = np.sqrt(squared)
-        rate = 0.5 * slope / np.maximum(sigma, tiny) + along
-        stopped = (rate <= 0.0) & (k > 0.0)
+        # group speed over ground, the derivative by k of sigma + k along
+        ground_speed = 0.5 * slope / np.maximum(sigma, tiny) + along
+        stopped = (ground_speed <= 0.0) & (k > 0.0)
         if stopped.any():
             first = np.argmax(stopped)
             wave = float(omega.flat[first]), np.degrees(np.asarray(theta).flat[first])
@@ -193,7 +195,7 @@ def wavenumber_in_current(
             allowed = "a current that the wave of {:g} rad/s towards {:g} deg can pass"
             raise Refused("current", problem, allowed.format(*wave))
         # a wave of frequency 0 stays at wavenumber 0
-        return np.where(k > 0.0, (sigma + k * along - omega) / rate, 0.0)
+        return np.where(k > 0.0, (sigma + k * along - omega) / ground_speed, 0.0)
 
     return _newton(k, step)
 
@@ -230,7 +232,7 @@ def _checked(depth: float | None) -> float | None:
 
 
 def _squared_frequency(k: Floats, depth: float | None, capillary: bool) -> tuple[Floats, Floats]:
-    """Return omega^2 and its derivative by k."""
+    """Return omega^2 [rad2 s-2] and its derivative by k [m s-2]."""
     tension = KINEMATIC_TENSION if capillary else 0.0
     deep = (GRAVITY + tension * k**2) * k
     deep_slope = GRAVITY + 3.0 * tension * k**2
@@ -241,7 +243,8 @@ def _squared_frequency(k: Floats, depth: float | None, capillary: bool) -> tuple
 
 
 def _newton(k: Floats, step: Callable[[Floats], Floats]) -> Floats:
-    """Return k less the steps of Newton's method, until these are of rounding."""
+    """Return the root that Newton's method reaches from k; `step` is function over derivative."""
+    # until the steps are of the size of rounding
     for _ in range(_NEWTON_STEPS):
         last = step(k)
         k = k - last
@@ -250,17 +253,21 @@ def _newton(k: Floats, step: Callable[[Floats], Floats]) -> Floats:
     return k
 
 
-_BLOCK = 2**20
-_GRIDS_KEPT = 4
+_BLOCK = 2**20  # numbers of a block in a direct sum: 8 MB of doubles, tuned to the cache
+_GRIDS_KEPT = 4  # last grids whose plans stay in memory
 _ROUNDING = 1e-14  # of a position, relative
 _MOST_CELLS = 5e7  # of an FFT: some GB
-_SUM_ERROR = 2e-7  # of a sum: a mesh is within 1e-3 of the light
-_UPSAMPLING = 1.25  # the least of finufft: a quarter of the cells of its usual 2
+# Error of a fast sum, see `WaveGrid`. Light by a mesh from such sums is within 1e-3 of the exact.
+_SUM_ERROR = 2e-7
+_UPSAMPLING = 1.25  # the least that finufft allows: fewer cells than by its default of 2
 
-_DENSER = 1.25  # lines of an FFT over those of the shortest wave, for interpolation
-_DECAY = math.pi * math.sqrt(1.0 - 1.0 / _DENSER)  # of its error for each line more
+# Lines of an FFT per half of the shortest wavelength, for interpolation between them.
+_DENSER = 1.25
+# The error of interpolation goes as exp(-_DECAY width) with the number of lines that it uses.
+_DECAY = math.pi * math.sqrt(1.0 - 1.0 / _DENSER)
 
-# Times [s] of a term of a sum, of a cell of an FFT, of a point spread, of one interpolated.
+# Measured times [s] of one term of a direct sum, one cell of an FFT, one wave spread on the cells,
+# one value interpolated: they decide which sum is faster.
 _TERM, _FFT_CELL, _SPREAD, _BETWEEN = 0.7e-9, 20e-9, 110e-9, 20e-9
 
 
@@ -319,13 +326,14 @@ def _products(waves: WaveComponents, order: int) -> list[Floats]:
 
 
 def wave_weights(waves: WaveComponents, order: int, time: float) -> NDArray[np.complex128]:
-    """Return the weights of the derivatives of z of an order at a time [s] for `WaveGrid.sum`."""
-    turned = waves.amplitude * np.exp(1j * (waves.omega * time + waves.phase))
-    return np.stack([(-1j) ** order * factor * turned for factor in _products(waves, order)])
+    """Return weights for `WaveGrid.sum`: the derivatives of z of one order at a time [s]."""
+    # z = Re sum amplitude exp(-i (kx x + ky y)), which each derivative multiplies by -i kx or -i ky
+    amplitude = waves.amplitude * np.exp(1j * (waves.omega * time + waves.phase))
+    return np.stack([(-1j) ** order * factor * amplitude for factor in _products(waves, order)])
 
 
 def elevation_and_slopes(waves: WaveComponents, time: float) -> NDArray[np.complex128]:
-    """Return the weights of z, dz/dx and dz/dy at a time [s] for `WaveGrid.sum`, shape (3, n)."""
+    """Return weights (3, n) for `WaveGrid.sum`: z, dz/dx and dz/dy at a time [s]."""
     return np.concatenate([wave_weights(waves, order, time) for order in (0, 1)])
 
 
@@ -381,13 +389,14 @@ class WaveGrid:
 
     Notes
     -----
-    Whichever is expected to be fastest: a non-uniform FFT (Barnett, Magland and af Klinteberg
-    2019) onto equally spaced lines, between which others are interpolated, axis by axis, by the
-    kernel of Kaiser and Bessel, whose transform the waves are divided by; or the sum itself, for
-    few waves, and for lines that lie far apart for the shortest of many waves. Two real sums make
-    one complex transform, over the waves and their mirror images; the last of an odd number is the
-    real part of one over the waves alone. The choice, and with it the digits, follow the waves and
-    the grid alone, not the number of threads.
+    The method is the one that is expected to be faster. Either a non-uniform FFT (Barnett, Magland
+    and af Klinteberg 2019) onto equally spaced lines; between them other lines are interpolated,
+    axis by axis, with a Kaiser-Bessel kernel, by whose transform the weights of the waves are
+    divided before. Or the direct sum: for few waves, and for lines that lie far apart compared
+    with the shortest of many waves. Two real sums make one complex transform, over the waves and
+    their mirror images; the last of an odd number is the real part of one over the waves alone. The
+    choice, and with it the digits, depends on the waves and the grid alone, not on the number of
+    threads.
 
     Attributes
     ----------
@@ -404,7 +413,9 @@ class WaveGrid:
     ) -> None:
         self._error = error
         self._waves, self._axes = (kx, ky), (x_axis, y_axis)
+        # plans that no thread uses at present, by the shape of their weights
         self._idle: dict[tuple[int, ...], list[Any]] = {}
+        # unless the lines of both axes are equally spaced, both axes are interpolated
         if None in map(_step, self._axes):
             width = math.ceil(-math.log(error) / _DECAY)
             pairs = zip(self._axes, self._waves, strict=True)
@@ -423,35 +434,34 @@ class WaveGrid:
         if not self._fast:
             return self._direct(weights)
         size = np.sqrt(np.square(np.abs(weights)).sum(axis=1))
-        size[size == 0.0] = 1.0  # both parts of a transform have its error
-        turned = weights * (self._turn / size[:, None])
+        size[size == 0.0] = 1.0
+        # of size 1, since the error of a transform is shared by the two sums that it holds
+        scaled = weights * (self._factor / size[:, None])
         sums = np.empty((len(weights), *map(len, self._axes)))
         paired = len(weights) // 2 * 2
         if paired:
             # A real sum is half the transform of the waves and, with conjugate weights, of their
             # mirror images: one complex transform holds two, as its real and imaginary part.
-            even, odd = 0.5 * turned[:paired:2], 0.5j * turned[1:paired:2]
+            even, odd = 0.5 * scaled[:paired:2], 0.5j * scaled[1:paired:2]
             pairs = np.concatenate([even + odd, even.conj() - odd.conj()], axis=1)
             folded = self._transformed(pairs)
             sums[:paired:2], sums[1:paired:2] = folded.real, folded.imag
         if paired < len(weights):
-            sums[paired:] = self._transformed(turned[paired:]).real
+            sums[paired:] = self._transformed(scaled[paired:]).real
         sums *= size[:, None, None]
         return sums
 
     @cached_property
-    def _turn(self) -> NDArray[np.complex128]:
-        """Factor of each wave: its phase at the middle, over its share that interpolation keeps."""
-        turn = np.ones(len(self._waves[0]), complex)
+    def _factor(self) -> NDArray[np.complex128]:
+        """Factor of each wave: the phase factor at line 0, over the transform of the kernel."""
+        factor = np.ones(len(self._waves[0]), complex)
         for k, lines in zip(self._waves, self._lines, strict=True):
-            turn *= np.exp(-1j * k * lines.middle) / lines.transfer(k)
-        return turn
+            factor *= np.exp(-1j * k * lines.middle) / lines.transfer(k)
+        return factor
 
     def _transformed(self, weights: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return transforms of the waves, or of them and their mirror images, (m, nx, ny).
-
-        By a plan that no other thread uses.
-        """
+        """Return transforms of the waves, or of them and their mirror images, (m, nx, ny)."""
+        # by a plan that no other thread uses
         idle = self._idle.setdefault(weights.shape, [])
         try:
             plan = idle.pop()
@@ -473,12 +483,13 @@ class WaveGrid:
             1, numbers, n_trans=transforms, eps=self._error, isign=-1, nthreads=1,
             upsampfac=_UPSAMPLING,
         )  # fmt: skip
-        turns = (k * lines.step for k, lines in zip(self._waves, self._lines, strict=True))
-        plan.setpts(*(k if sources == len(k) else np.concatenate([k, -k]) for k in turns))
+        # phase per line [rad]; with twice as many sources, also of the mirror images
+        phases = (k * lines.step for k, lines in zip(self._waves, self._lines, strict=True))
+        plan.setpts(*(p if sources == len(p) else np.concatenate([p, -p]) for p in phases))
         return plan
 
     def _direct(self, weights: NDArray[np.complex128]) -> Floats:
-        """Return the sums themselves, in blocks of waves that bound the memory."""
+        """Return the direct sums, in blocks of waves that bound the memory."""
         (kx, ky), (x, y) = self._waves, self._axes
         sums = np.zeros((len(weights), len(x), len(y)))
         block = max(1, _BLOCK // max(len(x), len(y)))
@@ -487,24 +498,27 @@ class WaveGrid:
             # the phase factor is a product of one factor for each axis
             left = np.exp(-1j * x[:, None] * kx[part])
             right = np.exp(-1j * ky[part, None] * y)
+            # Re(left weight right) = real real - imag imag, as one real product
             parts = np.concatenate([right.real, -right.imag])
             for total, weight in zip(sums, weights[:, part], strict=True):
-                turned = left * weight
-                both = np.concatenate([turned.real, turned.imag], axis=1)
+                weighted = left * weight
+                both = np.concatenate([weighted.real, weighted.imag], axis=1)
                 # not a BLAS product, whose last digits change with its number of threads
                 total += np.einsum("mi,in->mn", both, parts)
         return sums
 
     def _transform_cost(self) -> float:
+        """Return the expected time of a fast sum [s]."""
         cells, waves = math.prod(lines.number for lines in self._lines), 2 * len(self._waves[0])
         if cells > _MOST_CELLS:
             return math.inf
         between = 0 if self._lines[0].near is None else len(self._axes[0]) * self._lines[1].number
+        # a transform holds two sums; tuned: the 4 stands for the upsampled cells of finufft
         return 0.5 * (4 * cells * _FFT_CELL + waves * _SPREAD) + between * _BETWEEN
 
 
 def _step(axis: Floats) -> float | None:
-    """Return the distance of equally spaced lines, or None."""
+    """Return the distance of equally spaced lines, None if they are not equally spaced."""
     n = len(axis)
     step = float(axis[-1] - axis[0]) / max(1, n - 1)
     even = axis[n // 2] + step * (np.arange(n) - n // 2)
@@ -514,6 +528,8 @@ def _step(axis: Floats) -> float | None:
 class _Lines(NamedTuple):
     """Equally spaced lines of an FFT, and the weights that interpolate other lines between them.
 
+    Line j stands at middle + j h, h = `step`; x is measured from the middle:
+
     exp(-i k x) = sum_j phi(x / h - j) exp(-i k j h) / phi^(k h), up to aliases, phi^ the Fourier
     transform of phi(u) = I_0(shape sqrt(1 - (2 u / width)^2)).
     """
@@ -521,14 +537,14 @@ class _Lines(NamedTuple):
     middle: float  # [m], of line 0
     step: float  # h [m]
     number: int
-    width: int = 0  # lines that a value is interpolated between
+    width: int = 0  # number of lines from which a value is interpolated; 0: no interpolation
     near: tuple[NDArray[np.int64], Floats] | None = None
-    """Lines near those of the axis and their weights, (width, lines of the axis); None for the
-    lines themselves."""
+    """Indices of the `width` lines around each line of the axis, and their weights, both of the
+    shape (width, lines of the axis); None where the lines are those of the axis."""
 
     @classmethod
     def along(cls, axis: Floats) -> _Lines:
-        """Return equally spaced lines themselves."""
+        """Return the lines of an equally spaced axis, without interpolation."""
         return cls(float(axis[len(axis) // 2]), _step(axis) or 0.0, len(axis))
 
     @classmethod
@@ -536,14 +552,16 @@ class _Lines(NamedTuple):
         """Return lines that are dense enough for waves up to a wavenumber [rad m-1]."""
         middle = 0.5 * float(axis[0] + axis[-1])
         span = float(axis[-1] - axis[0]) or 1.0
+        # pi / k is half the shortest wavelength
         step = min(math.pi / (_DENSER * max(k, 1e-300)), span)
         half = math.ceil(0.5 * span / step) + width
-        # too many for a transform, as its cost says: weights would only take memory
+        # too many for a transform, whose cost is then infinite: the weights are not needed
         if half > _MOST_CELLS:
             return cls(middle, step, 2 * half + 1, width)
-        at = (axis - middle) / step
-        near = np.ceil(at - 0.5 * width).astype(np.int64)[:, None] + np.arange(width)
-        off = (at[:, None] - near) / (0.5 * width)
+        position = (axis - middle) / step
+        near = np.ceil(position - 0.5 * width).astype(np.int64)[:, None] + np.arange(width)
+        # 2 u / width of the kernel
+        off = (position[:, None] - near) / (0.5 * width)
         phi = np.i0(cls.shape(width) * np.sqrt(np.maximum(1.0 - off**2, 0.0)))
         lines, weights = np.ascontiguousarray(near.T) + half, np.ascontiguousarray(phi.T)
         return cls(middle, step, 2 * half + 1, width, (lines, weights))
@@ -563,23 +581,24 @@ class _Lines(NamedTuple):
 
     def at(self, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return values (lines of the axis, ...) from those on these lines."""
-        parts = np.ascontiguousarray(values).view(float)  # of which the products have half
+        # real and imaginary parts side by side: real products are half the work
+        parts = np.ascontiguousarray(values).view(float)
         assert self.near is not None
         near, weights = self.near
-        # a sparse matrix takes a third of the time; the import of scipy, a tenth of a short run
+        # a sparse matrix would take a third of the time, but importing scipy a tenth of a short run
         total = np.zeros((near.shape[1], parts.shape[1]))
         part = np.empty_like(total)
         for lines, weight in zip(near, weights, strict=True):
-            np.take(parts, lines, axis=0, out=part, mode="clip")  # other modes copy
+            np.take(parts, lines, axis=0, out=part, mode="clip")  # other modes make a copy
             part *= weight[:, None]
             total += part
         return total.view(complex)
 
 
 def grid_store() -> Callable[..., WaveGrid]:
-    """Return a function that keeps the last grids by the bytes of wave vectors and grid lines.
+    """Return a cached constructor of `WaveGrid`, from the bytes of wave vectors and grid lines.
 
-    Copies of a sea share it, as its seeds do: plans are no data.
+    Copies of a sea, and seas that differ by the seed, share one: plans do not depend on the phases.
     """
 
     @lru_cache(maxsize=_GRIDS_KEPT)

@@ -23,7 +23,7 @@ from meshtrace.optics.pure_water import read_table
 
 from .patterns import PATTERNS, sky
 
-_TABLE_NM = 470.0  # of clear_irradiance.csv
+_TABLE_NM = 470.0  # wavelength of clear_irradiance.csv
 
 SPECTRUM_FROM_NM = 300.0
 """Shortest wavelength of SPECTRL2 [nm]."""
@@ -105,14 +105,16 @@ def clear_irradiance(
     Bird and Riordan (1986), J. Clim. Appl. Meteorol. 25, 87.
     """
     least = wavelength_nm - 0.5 * width_nm
+    # longer wavelengths than SPECTRL2 has (4000 nm) cannot be asked for
     if least < SPECTRUM_FROM_NM:
         allowed = f"a band from {SPECTRUM_FROM_NM:g} nm"
         raise Refused("width_nm", width_nm, allowed, f"from {least:g} nm,")
-    nodes, *values = _clear_spectra(
+    nodes_nm, *spectra = _clear_spectra(
         sun_zenith_deg, aerosol, ozone, water_vapour, pressure, day_of_year, ground_albedo
     )
-    at = wavelength_nm + 0.5 * width_nm * (np.linspace(-1.0, 1.0, 101) if width_nm else np.zeros(1))
-    direct, diffuse = (float(np.interp(at, nodes, value).mean()) for value in values)
+    # the mean over a band is that of 101 wavelengths at equal steps
+    nm = wavelength_nm + 0.5 * width_nm * (np.linspace(-1.0, 1.0, 101) if width_nm else np.zeros(1))
+    direct, diffuse = (float(np.interp(nm, nodes_nm, values).mean()) for values in spectra)
     return Irradiance(direct, diffuse)
 
 
@@ -149,8 +151,8 @@ def default_irradiance(zenith_deg: float, wavelength_nm: float) -> Irradiance:
     from scipy.interpolate import CubicSpline
 
     table = read_table("clear_irradiance.csv")
-    radiances = CubicSpline(table[:, 0], table[:, 1:])(zenith_deg)
-    return Irradiance(*(float(v) for v in radiances))
+    irradiances = CubicSpline(table[:, 0], table[:, 1:])(zenith_deg)
+    return Irradiance(*(float(v) for v in irradiances))
 
 
 @check_call
@@ -189,17 +191,19 @@ def _time_with_zone(time: Any) -> datetime:
     """Return a time of ISO 8601 with its zone, or refuse it."""
     allowed = "a time of ISO 8601 with its zone, such as 2026-06-21T10:00Z"
     try:
-        # other forms, such as 05/06/2026, are of a month or a day by the country
+        # in other forms, such as 05/06/2026, day and month depend on the country
         moment = datetime.fromisoformat(time) if isinstance(time, str) else time
     except ValueError as error:
         raise Refused("time", time, allowed) from error
     has_zone = isinstance(moment, datetime) and moment.tzinfo is not None
+    # `fromisoformat` takes any character between date and time: only T and the blank are allowed
     if not has_zone or (isinstance(time, str) and not re.match(r"[\dW-]{7,10}[T ]", time)):
         raise Refused("time", time, allowed)
     return moment
 
 
 WaterLight = Literal["quasi-single", "walk", "none"]
+"""Models of the light that leaves the water, see `Daylight.water`."""
 
 MOON_OVER_SUN = 2.512e-6
 """Irradiance of the full moon over that of the sun: 14.0 magnitudes."""
@@ -208,7 +212,7 @@ NIGHT_RADIANCE = 2.3e-9
 """Radiance of the moonless sky at 470 nm [W m-2 sr-1 nm-1], see `Daylight.night`."""
 
 OVERCAST_TRANSMITTANCE = 0.25
-"""Global irradiance under a closed cloud cover over that of the clear sky."""
+"""Global irradiance under a closed cloud cover over that of the clear sky, see `overcast`."""
 
 SUN_RADIUS_DEG = 0.2665
 """Angular radius of sun and moon [deg]."""
@@ -216,16 +220,16 @@ SUN_RADIUS_DEG = 0.2665
 _HORIZON = "0 <= sun_zenith_deg <= 89 (below the horizon: use night)"
 
 SUN = ("sun_zenith_deg", "sun_azimuth_deg")
-"""Fields of the place of the sun, or of the moon."""
+"""Fields for the position of the sun, or of the moon."""
 
 _ATMOSPHERE = ("aerosol", "ozone", "water_vapour", "pressure", "day_of_year")
 
 
 class LightModel(NamedTuple):
-    """Model of natural light: its fields of `Daylight` and the keys of its options."""
+    """Model of natural light: the fields of `Daylight` that it sets, and its options."""
 
     fields: Mapping[str, str]
-    keys: tuple[str, ...] = ()
+    keys: tuple[str, ...] = ()  # in link files, beside the fields of `Daylight`
 
 
 MODELS = {
@@ -346,18 +350,19 @@ class Daylight(Model, frozen=True):
 
         Notes
         -----
-        That of sun and clear sky by SPECTRL2 at the own zenith angle and atmosphere, with a step
-        of some 10 nm, so that Fraunhofer lines are smoothed; overcast skies and the moon have it
-        too. Flat for the moonless night and for a uniform sky.
+        That of sun and clear sky by SPECTRL2 at this zenith angle and atmosphere, with a step of
+        some 10 nm, so that Fraunhofer lines are smoothed; overcast skies and the moon have it too.
+        Flat for the moonless night and for a uniform sky.
         """
         if self.pattern == "uniform":
             return np.ones_like(wavelength_nm)
         fields: dict[str, Any] = defaults_of("clear") | self.recipe
-        air = (fields[name] for name in _ATMOSPHERE)
-        nodes, direct, diffuse = _clear_spectra(self.sun_zenith_deg, *air)
-        whole = math.cos(math.radians(self.sun_zenith_deg)) * direct + diffuse
-        at = np.interp([self.wavelength_nm, *wavelength_nm], nodes, whole)
-        return np.asarray(at[1:] / at[0])
+        # `_ATMOSPHERE` has the order of the arguments of `_clear_spectra`
+        atmosphere = (fields[name] for name in _ATMOSPHERE)
+        nodes_nm, direct, diffuse = _clear_spectra(self.sun_zenith_deg, *atmosphere)
+        horizontal = math.cos(math.radians(self.sun_zenith_deg)) * direct + diffuse
+        values = np.interp([self.wavelength_nm, *wavelength_nm], nodes_nm, horizontal)
+        return np.asarray(values[1:] / values[0])
 
     @classmethod
     def clear_sky(
@@ -444,7 +449,7 @@ class Daylight(Model, frozen=True):
         transmittance: Annotated[float, Field(gt=0.0, le=1.0)] = OVERCAST_TRANSMITTANCE,
         **fields: Any,
     ) -> Self:  # fmt: skip
-        """Return a closed cloud cover: pattern "cie-1", a share of the clear global irradiance.
+        """Return a closed cloud cover: "cie-1" sky, a fraction of the clear global irradiance.
 
         Parameters
         ----------
@@ -453,7 +458,7 @@ class Daylight(Model, frozen=True):
         wavelength_nm : float
             Wavelength [nm]; other than 470 nm needs pvlib.
         transmittance : float
-            Share of the global irradiance of the clear sky, 0 < t <= 1.
+            Fraction of the global irradiance of the clear sky, 0 < t <= 1.
         **fields
             Other fields of the class.
 
@@ -466,8 +471,8 @@ class Daylight(Model, frozen=True):
 
         def through_clouds(checked: Self) -> Irradiance:
             clear = default_irradiance(checked.sun_zenith_deg, checked.wavelength_nm)
-            above = checked.replace(direct=clear.direct, diffuse=clear.diffuse)
-            return Irradiance(0.0, transmittance * above.irradiance)
+            above_clouds = checked.replace(direct=clear.direct, diffuse=clear.diffuse)
+            return Irradiance(0.0, transmittance * above_clouds.irradiance)
 
         fields |= {"sun_zenith_deg": sun_zenith_deg, "wavelength_nm": wavelength_nm}
         return cls._modelled("overcast", through_clouds, {"transmittance": transmittance}, fields)
@@ -478,7 +483,7 @@ class Daylight(Model, frozen=True):
         zenith_deg: float = 30.0, azimuth_deg: float = 0.0,
         wavelength_nm: float = 470.0, **fields: Any,
     ) -> Self:  # fmt: skip
-        """Return the light of the moon and of the sky that it lights.
+        """Return moonlight, direct and scattered by the sky.
 
         E = E_sun 2.512e-6 10^(-0.4 (0.026 |alpha| + 4e-9 alpha^4))
 
@@ -504,8 +509,8 @@ class Daylight(Model, frozen=True):
         def by_moon(checked: Self) -> Irradiance:
             sun = default_irradiance(checked.sun_zenith_deg, checked.wavelength_nm)
             # the sky scatters moonlight as it scatters sunlight
-            share = MOON_OVER_SUN * moon_phase_factor(phase_deg)
-            return Irradiance(share * sun.direct, share * sun.diffuse)
+            moon_over_sun = MOON_OVER_SUN * moon_phase_factor(phase_deg)
+            return Irradiance(moon_over_sun * sun.direct, moon_over_sun * sun.diffuse)
 
         fields |= {"sun_zenith_deg": zenith_deg, "sun_azimuth_deg": azimuth_deg}
         fields["wavelength_nm"] = wavelength_nm
@@ -536,11 +541,11 @@ class Daylight(Model, frozen=True):
         """Build the daylight of a model; its recipe has the options that differ from defaults."""
         _require_absent(fields, ("direct", "diffuse", "recipe"))
         fields = dict(MODELS[model].fields) | fields
-        # the model gets checked fields; the irradiances of 1 only hold their place
+        # the model gets checked fields; the irradiances of 1 are placeholders
         checked = cls.model_validate(fields | {"direct": 1.0, "diffuse": 1.0})
         direct, diffuse = irradiance(checked)
-        known = defaults_of(model)
-        recipe = {name: value for name, value in options.items() if value != known[name]}
+        defaults = defaults_of(model)
+        recipe = {name: value for name, value in options.items() if value != defaults[name]}
         return checked.replace(direct=direct, diffuse=diffuse, recipe=recipe)
 
     def at_wavelength(self, wavelength_nm: float) -> Self:
@@ -564,13 +569,14 @@ class Daylight(Model, frozen=True):
         if wavelength_nm == self.wavelength_nm:
             return self
         fields = self.model_dump(exclude={"direct", "diffuse", "wavelength_nm", "recipe"})
-        lights = {m.fields["light"]: name for name, m in MODELS.items() if name != "uniform"}
+        # "uniform" computes no irradiance
+        models = {m.fields["light"]: name for name, m in MODELS.items() if name != "uniform"}
         table = fields | self.recipe
-        model = lights.get(self.light)
+        model = models.get(self.light)
         # irradiances that were set by hand follow from no model
         if model is None or light_of(model, self.wavelength_nm, table) != self:
             reason = Described(f"irradiances at {self.wavelength_nm:g} nm")
-            raise Refused("day", reason, f"a model of {', '.join(lights)}, for other wavelengths")
+            raise Refused("day", reason, f"a model of {', '.join(models)}, for other wavelengths")
         return light_of(model, wavelength_nm, table)
 
 
@@ -591,7 +597,7 @@ class UnavailableDaylight:
         self.table, self.refusal = table, refusal
 
     def __getattr__(self, name: str) -> Any:
-        # others look for methods of theirs: copy, pickle, checks of arrays
+        # copy, pickle and numpy look for special methods: they must get the usual error
         if name.startswith("__") or name not in {*Daylight.model_fields, *vars(Daylight)}:
             raise AttributeError(name)
         raise self.refusal
@@ -608,10 +614,11 @@ def light_of(model: str, wavelength_nm: float, table: Mapping[str, Any]) -> Any:
         raise Refused("diffuse", MISSING, "the irradiance of the uniform sky [W m-2 nm-1]")
     if "time" in table:
         _require_absent(table, SUN, "without time, which gives the sun")
-        nowhere: dict[str, Any] = {"latitude": None, "longitude": None}  # which `at` refuses
-        return Daylight.at(**nowhere | table)
+        # `at` refuses a missing coordinate by its name
+        no_place: dict[str, Any] = {"latitude": None, "longitude": None}
+        return Daylight.at(**no_place | table)
     if model == "moon":
-        # link files place the moon by the keys of the sun
+        # link files give the position of the moon by the keys of the sun
         table = {key.removeprefix("sun_"): value for key, value in table.items()}
     return _maker(model)(**table)
 
@@ -673,8 +680,9 @@ def refracted_sun(day: Daylight, n: float) -> tuple[Floats, float]:
         Irradiance across the refracted light [W m-2 nm-1], behind the reflectance of Fresnel.
     """
     sun = np.array(day.sun)
+    # Snell's law: the index divides the horizontal components
     inside = sun / n
     inside[2] = math.sqrt(1.0 - inside[0] ** 2 - inside[1] ** 2)
-    through = 1.0 - float(fresnel_reflectance(sun[2], 1.0, n))
-    # a beam is narrower in the water than in the air by the ratio of the cosines
-    return inside, day.direct * through * float(sun[2] / inside[2])
+    transmittance = 1.0 - float(fresnel_reflectance(sun[2], 1.0, n))
+    # a beam is wider in the water than in the air, by the ratio of its cosines there
+    return inside, day.direct * transmittance * float(sun[2] / inside[2])

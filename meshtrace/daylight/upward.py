@@ -24,12 +24,14 @@ from meshtrace.optics.water import Water
 from meshtrace.quadrature import gauss_legendre
 from meshtrace.surfaces.gram_charlier import GramCharlier
 
-_over_gaussian = getattr(over_gaussian, "py_func", over_gaussian)  # as it is without the JIT
+# Ratio of the density of slopes to the Gaussian. The Python function of the kernel takes arrays;
+# without the JIT the kernel is that function.
+_over_gaussian = getattr(over_gaussian, "py_func", over_gaussian)
 
 
 @check_call
 def slope_density(slopes: Annotated[Floats, Shape("... 2")], roughness: Roughness) -> Floats:
-    """Return the density of slopes (..., 2); `roughness` has both deviations, > 0."""
+    """Return the probability density of slopes (..., 2); both deviations of `roughness` are > 0."""
     along = (roughness.cos * slopes[..., 0] + roughness.sin * slopes[..., 1]) / roughness.along
     across = (roughness.cos * slopes[..., 1] - roughness.sin * slopes[..., 0]) / roughness.across
     density = np.exp(-0.5 * (along**2 + across**2))
@@ -42,29 +44,35 @@ def slopes_of(normals: Floats) -> Floats:
     return -normals[..., :2] / normals[..., 2:]
 
 
-def slopes_to(wanted: Floats, normals: Floats) -> Floats:
-    """Return the differences (..., 2) between the slopes of required and actual normals.
+def slopes_to(required: Floats, normals: Floats) -> Floats:
+    """Return the slopes of the required normals minus those of the actual ones, shape (..., 2).
 
-    Normals are of any length; 1e6 where the required one does not point upwards.
+    Normals are of any length; the required slope is 1e6 where its normal does not point upwards.
     """
-    up = wanted[..., 2:]
+    up = required[..., 2:]
     # no slope of a sea reaches 1e6: its density there is 0
-    slopes = np.where(up > 1e-6, -wanted[..., :2] / np.maximum(up, 1e-6), 1e6)
+    slopes = np.where(up > 1e-6, -required[..., :2] / np.maximum(up, 1e-6), 1e6)
     return np.asarray(slopes - slopes_of(normals))
 
 
 class Reflection(NamedTuple):
-    """Reflection into the air, at points that all indices have in common."""
+    """Reflection of the sun into the air, for several indices of the water at the same points.
 
-    sun: Floats
-    n: tuple[float, ...]
+    `view` is the unit vector from the sea to the receiver, here upwards.
+    """
+
+    sun: Floats  # (3,) unit vector to the sun
+    n: tuple[float, ...]  # indices of the water over that of the air
 
     def normal(self, view: Floats) -> Floats:
-        """Return view + sun."""
+        """Return view + sun, the normal of the mirror that reflects the sun into view."""
         return view + self.sun
 
     def strength(self, view: Floats, normal: Floats) -> Floats:
-        """Return rho / (4 cos^4 b) at the indices (indices, n)."""
+        """Return rho / (4 cos^4 b) at every index and point (indices, ...); b is the mirror's tilt.
+
+        `normal` is that of the method `normal`, of any length.
+        """
         length = np.sqrt(np.einsum("...i,...i", normal, normal))
         cos_i = np.clip(np.einsum("...i,...i", view, normal) / length, 0.0, 1.0)
         rho = np.array([fresnel_reflectance(cos_i, 1.0, n) for n in self.n])
@@ -73,28 +81,37 @@ class Reflection(NamedTuple):
 
 
 class Refraction(NamedTuple):
-    """Refraction into the water."""
+    """Refraction of the sun into the water.
 
-    sun: Floats
-    n: float
+    `view` is the unit vector from the sea to the receiver, here downwards.
+    """
+
+    sun: Floats  # (3,) unit vector to the sun
+    n: float  # index of the water over that of the air
 
     def normal(self, view: Floats) -> Floats:
-        """Return -n view - sun."""
+        """Return -n view - sun, the upward normal of the slope that refracts the sun into view."""
         return -self.n * view - self.sun
 
     def strength(self, view: Floats, normal: Floats) -> Floats:
-        """Return (1 - rho) n^2 cos cos / (cos^4 b (n cos - cos)^2), 0 behind the critical angle."""
+        """Return (1 - rho) n^2 cos cos / (cos^4 b (n cos - cos)^2), 0 beyond the critical angle.
+
+        The cosines are those of theta_a in the air and theta_w in the water to the normal, and b is
+        its tilt.
+        """
         length = np.linalg.norm(normal, axis=-1)  # n cos(theta_w) - cos(theta_a)
-        bend = normal / length[..., None]
-        cos_a, cos_w = bend @ self.sun, -np.einsum("...i,...i", view, bend)
-        illuminated = (cos_a > 0.0) & (cos_w > 0.0) & (bend[..., 2] > 0.0)
-        through = 1.0 - fresnel_reflectance(np.clip(cos_a, 0.0, 1.0), 1.0, self.n)
-        slope = np.where(illuminated, bend[..., 2], 1.0) ** 4
-        return np.where(illuminated, through * self.n**2 * cos_a * cos_w / (slope * length**2), 0.0)
+        unit_normal = normal / length[..., None]
+        cos_a, cos_w = unit_normal @ self.sun, -np.einsum("...i,...i", view, unit_normal)
+        illuminated = (cos_a > 0.0) & (cos_w > 0.0) & (unit_normal[..., 2] > 0.0)
+        through = 1.0 - fresnel_reflectance(np.clip(cos_a, 0.0, 1.0), 1.0, self.n)  # transmittance
+        # cos^-4 b: facet per horizontal area, slopes per solid angle of normals (cos^-3 b);
+        # n^2 cos(theta_w) / length^2: normals per view (Walter et al. 2007, EGSR, eq. 17)
+        cos4 = np.where(illuminated, unit_normal[..., 2], 1.0) ** 4
+        return np.where(illuminated, through * self.n**2 * cos_a * cos_w / (cos4 * length**2), 0.0)
 
 
 Bending = Reflection | Refraction
-"""Laws by which a slope of the sea bends sunlight."""
+"""Laws by which a facet of the sea sends sunlight into a direction."""
 
 
 @check_call
@@ -106,7 +123,7 @@ def connected_glint(
     roughness: Roughness,
     n: Index,
 ) -> Floats:
-    """Return the radiance of glint over the irradiance of the sun [sr-1].
+    """Return the ratio of the radiance of glint to the irradiance of the sun [sr-1].
 
     L / E = rho(v . h) p(s_r - s_m) cos(b_g) / (4 cos^4(b) v . n_g),  h = (v + s) / |v + s|
 
@@ -138,16 +155,17 @@ def connected_glint(
 def by_slopes(
     law: Bending, view: Floats, normal: Directions, facet_normal: Directions, roughness: Roughness
 ) -> Floats:
-    """Return the radiance of the sun bent into directions by unresolved slopes [sr-1].
+    """Return the radiance of sunlight bent into directions by unresolved slopes, per irradiance.
 
-    Over its irradiance, as in `connected_glint`; facets face the side of the light.
+    In sr-1, as `connected_glint`; `facet_normal` points to the side of the receiver, into the
+    water for `Refraction`.
     """
-    wanted = law.normal(view)
-    density = slope_density(slopes_to(wanted, normal), roughness)
+    required = law.normal(view)
+    density = slope_density(slopes_to(required, normal), roughness)
     facing = np.einsum("...i,...i", view, facet_normal)
     # cos(b_g) / (v . n_g) of `connected_glint`: slopes count by area seen from above
     area = np.where(facing > 0.0, np.abs(facet_normal[..., 2]) / np.maximum(facing, 1e-12), 0.0)
-    return law.strength(view, wanted) * (density * area)
+    return law.strength(view, required) * (density * area)
 
 
 @check_call
@@ -159,7 +177,7 @@ def glint_radiance(
     n: Index = 1.33,
     slope_law: GramCharlier | None = None,
 ) -> Floats:
-    """Return the glint of a level sea over the sun's irradiance [sr-1].
+    """Return the ratio of the radiance of glint of a level sea to the sun's irradiance [sr-1].
 
     Parameters
     ----------
@@ -191,14 +209,17 @@ def glint_radiance(
     return connected_glint(np.asarray(view), np.asarray(sun), up, up, roughness, n)
 
 
+# Tuned: the numbers of nodes trade accuracy for time.
 _ZENITHS, _AZIMUTHS = 14, 20  # directions that stand for the sky
-_DEPTHS = 6000
-_DEEPEST = 20.0  # optical depths of k
-_ANGLES = 2048
-_EXACT = 1e-7  # error of a phase function, over the first of several
-_LEAST_ANGLE = math.radians(30.0)  # of a refracted beam down and light up: 41 deg
+_DEPTHS = 6000  # nodes over the depth
+_DEEPEST = 20.0  # depth of the last node, by the integral of k from the surface: exp(-40) is left
+_ANGLES = 2048  # nodes of the scattering angle, 0 ... pi
+_EXACT = 1e-7  # error of a phase function relative to the first of them
+# Scattering angles below are left out. From a refracted beam, at most 49 deg from straight down, to
+# light that travels up it is at least 41 deg.
+_LEAST_ANGLE = math.radians(30.0)
 _EXTINCTION = np.geomspace(1.9, 60.0, 400)
-"""Values of m: 1 / mu of beam and view, each from 1 to the horizon under water."""
+"""Nodes of m = 1 / mu' + 1 / mu_v: from both vertical (2) to a nearly horizontal view."""
 
 
 @check_methods
@@ -237,21 +258,24 @@ class QuasiSingle:
     ) -> None:
         self.n = n
         travel, power, ring = _beams(days[0], n)
+        # mu' of each ring, from its first beam
         slant = -travel[np.unique(ring, return_index=True)[1], 2]
-        illumination = np.empty((len(slant), len(days)))
-        illumination[:-1] = [day.diffuse for day in days]
-        illumination[-1] = [day.direct for day in days]
-        below = list(zip(waters, bubbles, strict=True))
-        scatterers = [_scatterers(*layers) for layers in below]
-        place: dict[PhaseFunction, int] = {}
-        each = [[place.setdefault(phase, len(place)) for phase in row] for row in scatterers]
-        depths = [_over_depth(*layers) for layers in below]
-        phase, mix = _common_functions(list(place))
+        # (rings, wavelengths): the last ring is the sun, the others are the sky
+        irradiance = np.empty((len(slant), len(days)))
+        irradiance[:-1] = [day.diffuse for day in days]
+        irradiance[-1] = [day.direct for day in days]
+        contents = list(zip(waters, bubbles, strict=True))
+        # phase functions that several wavelengths share are tabulated once
+        index: dict[PhaseFunction, int] = {}
+        scatterers = [_scatterers(*content) for content in contents]
+        indices = [[index.setdefault(phase, len(index)) for phase in row] for row in scatterers]
+        integrals = [_integrate_depth(*content) for content in contents]
+        phase, mix = _common_functions(list(index))
         self._beams = Beams(
-            travel, power, ring, slant, illumination, phase, _EXTINCTION,
-            np.stack([integral for integral, _ in depths], axis=-1),
-            np.stack([mix[row] for row in each], axis=-1),
-            np.stack([floor for _, floor in depths], axis=-1),
+            travel, power, ring, slant, irradiance, phase, _EXTINCTION,
+            np.stack([scattered for scattered, _ in integrals], axis=-1),
+            np.stack([mix[row] for row in indices], axis=-1),
+            np.stack([floor for _, floor in integrals], axis=-1),
         )  # fmt: skip
 
     def upwelling(self, directions: Directions) -> Floats:
@@ -264,6 +288,7 @@ class QuasiSingle:
         """
         beams = self._beams
         radiance = np.zeros((len(directions), beams.irradiance.shape[1]))
+        # scratch of the kernel, see `add_upwelling`
         toward = np.empty((len(beams.slant), beams.phase.shape[1] + 1))
         work = np.zeros(radiance.shape[1])
         add_upwelling(np.ascontiguousarray(directions), beams, toward, work, radiance)
@@ -273,18 +298,18 @@ class QuasiSingle:
 def _beams(day: Daylight, n: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
     """Return directions of travel, powers and rings of beams under water, the sun last.
 
-    Powers are irradiances across the beams, for horizontal ones of 1 of the sky, and of 1 across
-    the light of the sun.
+    Powers are irradiances across the beams under water: those of the sky for a horizontal
+    irradiance of 1 in the air, that of the sun for an irradiance of 1 across its light.
     """
     x, w = gauss_legendre(_ZENITHS)
     sin2, weight = 0.5 * (x + 1.0), 0.5 * w  # cos dOmega = d(sin^2) d(azimuth) / 2
     azimuth = 2.0 * math.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
     s, phi = np.meshgrid(np.sqrt(sin2), azimuth, indexing="ij")
     towards = np.stack([s * np.cos(phi), s * np.sin(phi), np.sqrt(1.0 - s**2)], -1).reshape(-1, 3)
-    even = day.replace(diffuse=1.0)
-    flux = sky_radiance(even.sky, towards) * np.repeat(weight, _AZIMUTHS)
+    unit_day = day.replace(diffuse=1.0)
+    flux = sky_radiance(unit_day.sky, towards) * np.repeat(weight, _AZIMUTHS)
     towards = np.concatenate([towards, [day.sun]])
-    # over the sum of its own nodes, which is the irradiance of 1 without an error of quadrature
+    # horizontal irradiances; those of the sky are divided by their sum, so that it is exactly 1
     flux = np.append(flux / flux.sum(), day.sun[2])
     flux = flux * (1.0 - fresnel_reflectance(np.clip(towards[:, 2], 0.0, 1.0), 1.0, n))
     # Snell's law: the index divides the horizontal components
@@ -294,14 +319,14 @@ def _beams(day: Daylight, n: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
 
 
 def _common_functions(phases: Sequence[PhaseFunction]) -> tuple[Floats, Floats]:
-    """Return few functions of the angle (angles, functions) and their mixtures (phases, functions).
+    """Return functions (angles, functions) whose mixtures (phases, functions) are the phases.
 
-    From the angles on by which daylight can be scattered up.
+    The phase functions are mix @ functions.T; below `_LEAST_ANGLE` they are 0.
     """
     theta = np.linspace(0.0, math.pi, _ANGLES)
     wide = theta > _LEAST_ANGLE
     tables = np.array([phase.pdf(theta[wide]) for phase in phases])
-    # over the first one, by which the bound of the error counts
+    # divided by the first one: `_EXACT` bounds the error relative to it
     mix, functions = common_functions(tables / tables[0], _EXACT)
     source = np.zeros((_ANGLES, len(functions)))
     source[wide] = (functions * tables[0]).T
@@ -314,15 +339,17 @@ def _scatterers(water: Water, bubbles: BubblePopulation | None) -> list[PhaseFun
 
 
 @lru_cache(maxsize=256)
-def _over_depth(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats, Floats]:
-    """Return the integrals over the depth of scattered light (scatterers, nodes), and the floor's.
+def _integrate_depth(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats, Floats]:
+    """Return the scattered light and that of the bottom at the nodes of m.
 
-    int b_j exp(-m int k) dz, and its radiance over the irradiance (nodes,), empty without one.
+    int b_j exp(-m int k dz) dz [1], shape (scatterers, nodes), and the radiance of the bottom over
+    the horizontal irradiance below the surface [sr-1], shape (nodes,), empty without a bottom.
     """
     from scipy.special import exprel
 
     depth, a, b = _profile(water, bubbles)
     back = np.array([phase.backscatter_fraction for phase in _scatterers(water, bubbles)])
+    # quasi-single scattering: light scattered forwards counts as not scattered
     k = a + back @ b
     if np.ptp(k) == 0.0 and not np.ptp(b, axis=1).any():  # in closed form
         tau = _EXTINCTION * (k[0] * depth[-1])
@@ -330,6 +357,7 @@ def _over_depth(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats,
         # int_0^D exp(-m k z) dz = D exprel(-m k D)
         integral = b[:, :1] * depth[-1] * exprel(-tau)
     else:
+        # trapezoidal rule
         steps = np.diff(depth)
         path = np.concatenate([[0.0], np.cumsum(0.5 * steps * (k[1:] + k[:-1]))])
         decay = np.exp(-np.outer(_EXTINCTION, path))
@@ -341,16 +369,18 @@ def _over_depth(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats,
 
 
 def _profile(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats, Floats, Floats]:
-    """Return depths [m], absorption and scattering of water and bubbles over depth."""
+    """Return depths (n,) [m], absorption (n,) and scattering of water and bubbles (1 or 2, n)."""
     surface = np.array([0.0])
     a0, b0 = (float(v[0]) for v in water.profile(surface))
     k0 = a0 + b0 * water.phase.backscatter_fraction
+    # tuned: 1 km for water that neither absorbs nor scatters
     deepest = _DEEPEST / k0 if k0 > 0.0 else 1e3
     if water.layers is not None:
+        # k of the surface says little of layers: go well below the last node
         deepest = max(deepest, 3.0 * water.layers[-1][0])
     if water.bottom_depth is not None:
         deepest = min(deepest, water.bottom_depth)
-    # dense near the surface, where light is strong and bubbles are
+    # dense near the surface, where the light is strong and the bubbles are
     depth = np.concatenate([surface, np.geomspace(1e-4 * deepest, deepest, _DEPTHS)])
     a, b = water.profile(depth)
     scatterers = [b]

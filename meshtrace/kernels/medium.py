@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meshtrace.kernels.jit import inlined
-from meshtrace.kernels.vectors import along, minus
+from meshtrace.kernels.jit import entry, inlined
+from meshtrace.kernels.vectors import along, minus, norm, row
 
 
 class PhaseTables(NamedTuple):
@@ -390,6 +390,17 @@ def depth_between(medium, p, q, length):
     Array twin: see `scattering_path`.
     """
     return absorption_path(medium, p.z, q.z, length) + scattering_path(medium, p, q, length)
+
+
+@entry
+def straight_depths(medium, start, ends, depths):
+    """Write the optical depths (n,) of straight paths from a point to ends (n, 3).
+
+    Array twin: see `scattering_path`.
+    """
+    for i in range(len(ends)):
+        end = row(ends, i)
+        depths[i] = depth_between(medium, start, end, norm(minus(end, start)))
 
 
 @inlined

@@ -103,6 +103,8 @@ class Apertures(NamedTuple):
     tan_half_fov: NDArray[np.float64]
     in_water: NDArray[np.bool_]
     any_in_water: bool  # whether any of them is
+    any_in_air: bool  # whether any of them is not
+    same_side: bool  # whether all ends of the link lie in one medium, which names parts of light
 
 
 class MapGrid(NamedTuple):
@@ -212,7 +214,9 @@ def score_apertures(q, in_water, flight, world):
 
     Array twin: the analytic disk integrals of the flat-sea tests.
     q is the record of the photon, `flight` the `Segment` of its path, world all that it meets
-    (`engine.photons.flight.World`). Water absorbs up to the disk.
+    (`engine.photons.flight.World`). Water absorbs up to the disk. A photon is counted wherever its
+    path passes through the disk and never stopped there: light behind a receiver is that of a
+    receiver which hides nothing.
     """
     received, tallies, apertures = False, world.tallies, world.apertures
     for i in range(len(apertures.radius)):
@@ -235,11 +239,20 @@ def score_apertures(q, in_water, flight, world):
             a.air = flight.air + (0.0 if in_water else t)
             a.order = q.turned
             a.cosine = dot(flight.direction, row(apertures.axis, i)) / norm(flight.direction)
-            # turned: scatterings and reflections by the bottom, 0 of them for DIRECT = 0
-            a.part = REFLECTED if q.crossings > 1 else min(q.turned, SCATTERED)
+            a.part = _part_of(q, apertures.same_side)
             if in_water:
                 tint_way(world.tints, a.tint, z, z + t * flight.direction.z, t)
     return received
+
+
+@inlined
+def _part_of(q, same_side):
+    """Return the part of the light that a photon belongs to, `DIRECT` ... `BOTTOM`."""
+    if same_side:
+        # light that was never turned is straight, or a mirror image
+        return q.turned_by if q.turned > 0 or q.crossings == 0 else MIRRORED
+    # turned: scatterings and reflections by the bottom, 0 of them for DIRECT = 0
+    return REFLECTED if q.crossings > 1 else min(q.turned, SCATTERED)
 
 
 @inlined

@@ -25,7 +25,7 @@ from meshtrace.optics.water import Water
 _TYPICAL = 16.0  # depth plus height of links whose unit of length is the metre [m]
 _SMALL = 8.0  # meshes are scaled down for links of a unit below 1 m over this number
 _ASIDE = 20.0  # a mesh centred on the origin is fine up to receivers this far aside [m]
-_MOST_CELLS = 250  # of the fine part of the mesh of a link on one side, over its half-width
+_MOST_CELLS = 160  # of the fine part of the mesh of a link on one side, over its half-width
 _NEAR = 64.0  # links keep the origin (0, 0) up to this distance from it, over depth plus height
 _LEAST_DISTANCE = 1e-3  # of a source or receiver from still water [m]
 _LEAST_SHARE = 0.1  # the same over the distance of the farthest end, for links of a few millimetres
@@ -195,7 +195,9 @@ class Link(Model, frozen=True):
         (water,), air = from_water, into_air.pop() if into_air else from_water == {True}
         if water:
             return "up" if air else "under"
-        return "over" if air else "down"
+        # sun and sky have no place in the air
+        lamps = all(isinstance(t, AirLamp) for t in self.transmitters)
+        return ("over" if lamps else "mixed") if air else "down"
 
     def mirrored(self) -> Self:
         """Return the link in the other direction: lamp and receiver change places.
@@ -370,11 +372,12 @@ class Link(Model, frozen=True):
         radius = max((r.radius for r in self.receivers), default=0.0)
         n = self.water.n / self.n_air
         beta = (n - 1.0) * height * depth / (depth + n * height)
+        steepest = 2.5  # slope of the waves up to which crossings lie in the fine part
         if self.direction in SAME_SIDE:
-            beta = max(lever for _, lever, _ in self.crossings())
+            # a slope of 1 turns reflected light by a right angle
+            beta, steepest = max(lever for _, lever, _ in self.crossings()), 1.0
         center, half_fine, half_ends = self._middle(aside * scale)
-        # crossings of slopes up to 2.5, see Notes
-        fine = max(min(2.5 * beta, self._widest_light()) + radius + half_fine, scale)
+        fine = max(min(steepest * beta, self._widest_light()) + radius + half_fine, scale)
         # at most ten depths aside, where a ray from the lamp is 84 degrees off the vertical
         reach = 10.0 * depth if low else 50.0
         if self.water.a > 0.0:

@@ -69,7 +69,8 @@ class Receiver(Aperture, frozen=True):
 
     Notes
     -----
-    The paper tests the position of the surface crossing instead of the angle (eq.
+    It does not stop the light: light of a lamp in the air that the sea sends back through it counts
+    again. The paper tests the position of the surface crossing instead of the angle (eq.
     condition_2), which accepts a superset: `Physics(fov="paper_position")`.
     """
 

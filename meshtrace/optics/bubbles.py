@@ -18,9 +18,10 @@ from meshtrace.optics.mie import MieTable, cached_table, population_table
 from meshtrace.optics.phase import HistogramPhase, PhaseFunction, Segments
 from meshtrace.quadrature import gauss_legendre
 
-# Depth of the layer in e-folding depths: `BubblePopulation.profile` ends there.
+# Depth of the layer in e-folding depths: `BubblePopulation.profile` ends there (what is left out
+# stands in its Notes).
 LAYER = 12.0
-_MOST_NODES = 10**7
+_MOST_NODES = 10**7  # of a profile, and most radii: tuned to bound the memory, 80 MB an array
 # Highest crest [m] to which a population is continued upwards with depth="mean_level".
 HIGHEST = 20.0
 
@@ -144,18 +145,21 @@ def integrate(
     node, weight = gauss_legendre(nodes)
     half = (upper - lower) / 2.0
     points = lower[..., None] + half[..., None] * (1.0 + node)
-    # A product of matrices would add the nodes of one pair and of many in another order.
+    # Not a matrix product: its order of summation, and so the last digits of an integral, may
+    # depend on how many intervals are integrated at once.
     return half * (function(points) * weight).sum(axis=-1)
 
 
 # Constants of the model as the paper prints them, lengths in m (errata: E9).
-DENSITY = 1.6e10  # m-4, at the surface for a wind of WIND
+DENSITY = 1.6e10  # n at r_ref [m-4], at the surface for a wind of WIND
 WIND = 13.0  # m s-1
-R_REF, R_REF_SLOPE = 54.4e-6, 1.984e-6  # m, m per m of depth
-KAPPA, KAPPA_DEPTH = 4.37, 2.55  # 1, m
-E_FOLDING, E_FOLDING_SLOPE, E_FOLDING_WIND = 0.4, 0.115, 7.5  # m, s, m s-1
+R_REF, R_REF_SLOPE = 54.4e-6, 1.984e-6  # at the surface [m], growth per m of depth [m m-1]
+KAPPA, KAPPA_DEPTH = 4.37, 2.55  # exponent at the surface, depth [m] at which it is 1 larger
+# L up to E_FOLDING_WIND [m], its growth per wind speed above [m/(m s-1)], that wind [m s-1]
+E_FOLDING, E_FOLDING_SLOPE, E_FOLDING_WIND = 0.4, 0.115, 7.5
 
-# Sizes and node sets of the phase table, see `compute_bubble_phase`.
+# Numbers of radii and of angle sets of the phase table, see `compute_bubble_phase`. Tuned: they
+# trade its accuracy for the time to compute it.
 SIZES, ROTATIONS = 6144, 32
 
 
@@ -273,7 +277,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         return _kappa(self._checked(depth))
 
     def _density(self, depth: Floats) -> Floats:
-        """Return n / G [m-4]."""
+        """Return n / G [m-4], the size distribution at r_ref."""
         return DENSITY * (self.wind_speed / WIND) ** 3 * np.exp(-depth / self.e_folding)
 
     def _moment(self, power: int, depth: Floats) -> Floats:
@@ -283,16 +287,18 @@ class HallNovarini(BubblePopulation, frozen=True):
         /(kappa-p-1). kappa grows without bound, so only ratios >= 1 are raised to -kappa.
         """
         r_ref, kappa = _r_ref(depth), _kappa(depth)
-        # r_ref may lie outside of [r_min, r_max]: one of the two branches is then empty
+        # Integrals over x = r / r_ref of x^(p - 4) up to `split` and x^(p - kappa) above. r_ref may
+        # lie outside of [r_min, r_max]: one of the two branches is then empty.
         split = np.clip(r_ref, self.r_min, self.r_max) / r_ref
         if power == 3:
+            # the integral of 1 / x
             small = np.log(split * r_ref / self.r_min)
         else:
             small = ((self.r_min / r_ref) ** (power - 3) - split ** (power - 3)) / (3 - power)
-        # kappa >= 4.37 keeps it negative for all powers up to 3
+        # kappa >= 4.37 keeps the exponent negative for all powers up to 3
         tail = power + 1.0 - kappa
-        ends = np.maximum(split, 1.0), np.maximum(self.r_max / r_ref, 1.0)
-        large = (ends[0] ** tail - ends[1] ** tail) / -tail
+        lower, upper = np.maximum(split, 1.0), np.maximum(self.r_max / r_ref, 1.0)
+        large = (lower**tail - upper**tail) / -tail
         return r_ref ** (power + 1) * (small + large)
 
     def size_distribution(self, r: RangedArray, depth: RangedArray) -> Floats:
@@ -321,7 +327,7 @@ class HallNovarini(BubblePopulation, frozen=True):
         radius = require_range(r, 0.0, math.inf, "r", "()", "finite r > 0 m")
         ratio = radius / _r_ref(z)
         present = (radius >= self.r_min) & (radius <= self.r_max)
-        # small radii to the power -kappa would overflow at depth
+        # `np.where` evaluates both branches: a small ratio to the power -kappa overflows at depth
         shape = np.where(ratio <= 1.0, ratio**-4.0, np.maximum(ratio, 1.0) ** -_kappa(z))
         return np.where(present, self._density(z) * shape, 0.0)[()]
 
@@ -404,7 +410,7 @@ class HallNovarini(BubblePopulation, frozen=True):
     def equal_area_radii(
         self, count: Annotated[int, Field(ge=1, le=_MOST_NODES)], depth: float = 0.0
     ) -> Floats:
-        """Return quantile radii of equal geometric cross-section.
+        """Return radii that stand for equal parts of the geometric cross-section.
 
         The quantiles (k + 1/2)/count, k = 0 .. count - 1, of the weight G r^2.
 
@@ -431,11 +437,12 @@ class HallNovarini(BubblePopulation, frozen=True):
         1.9e-05
         """
         z = self._checked(depth)
-        # the weight G r^2 goes as r^-2, then as r^(2 - kappa), and `Segments` holds powers p - 1
+        # the weight G r^2 goes as r^-2, then as r^(2 - kappa); `Segments` (here of r in place of s)
+        # holds exponents plus 1
         r_ref, p = float(_r_ref(z)), np.array([-1.0, 3.0 - float(_kappa(z))])
         edges = np.clip([self.r_min, r_ref, self.r_max], self.r_min, self.r_max)
-        if edges[1] == self.r_max:  # far below the surface no bubble is larger than r_ref
-            # a single branch remains
+        if edges[1] == self.r_max:
+            # far below the surface no bubble is larger than r_ref: a single branch remains
             edges, p = edges[:-1], p[:1]
         area = Segments.from_densities(edges[:-1], edges[1:], p, (edges[1:] / r_ref) ** (p - 1.0))
         return area.quantile((np.arange(count) + 0.5) / count)
@@ -522,13 +529,15 @@ def compute_bubble_phase(
         wind_speed=WIND, n_water=n_water, wavelength_nm=wavelength_nm, r_min=r_min, r_max=r_max
     )
     radii = bubbles.equal_area_radii(sizes, depth)
+    # size parameter, with the wavelength in the water; below, the index of air relative to water
     x = 2.0 * np.pi * radii * n_water / (wavelength_nm * 1e-9)
     return population_table(1.0 / n_water, x, rotations=rotations)
 
 
 @lru_cache(maxsize=16)
 def _bubble_phase(n_water: float, wavelength_nm: float, r_min: float, r_max: float) -> MieTable:
-    # the constants of the model, too: tables made with others keep their name and are left behind
+    # With the constants of the model at the surface, so that a table on disk that was made with
+    # other constants is not read.
     inputs = {
         "n_water": n_water, "wavelength_nm": wavelength_nm, "r_min": r_min, "r_max": r_max,
         "r_ref": R_REF, "kappa": KAPPA, "sizes": SIZES, "rotations": ROTATIONS,

@@ -197,13 +197,13 @@ def _exponent(chlorophyll: Floats) -> Floats:
 
 
 def _backscatter_ratio(chlorophyll: Floats, wavelength_nm: float) -> Floats:
-    """Return the share of light that particles scatter backwards."""
+    """Return the backscatter ratio b_b / b of the particles."""
     c = np.maximum(chlorophyll, 0.02)
     return 0.002 + 0.01 * (0.5 - 0.25 * np.log10(c)) * (wavelength_nm / 550.0) ** _exponent(c)
 
 
 def _mixture(molecules: float, particles: dict[float, float]) -> PhaseFunction:
-    """Return the phase function of water with particles, given as b [m-1] by backscatter ratio."""
+    """Return the phase function of water with particles, {backscatter ratio: b [m-1]}."""
     shares = {ratio: b for ratio, b in particles.items() if b > 0.0}
     water = Rayleigh(gamma=(1.0 - pure_water.DEPOLARISATION) / (1.0 + pure_water.DEPOLARISATION))
     if not shares:
@@ -217,7 +217,7 @@ def _mixture(molecules: float, particles: dict[float, float]) -> PhaseFunction:
 def fournier_forand_of(
     backscatter_ratio: Annotated[float, Field(ge=1e-3, le=0.1)],
 ) -> FournierForand:
-    r"""Return the Fournier-Forand phase function of a backscatter ratio.
+    r"""Return the Fournier-Forand phase function with a given backscatter ratio.
 
     .. math:: n = 1.01 + 0.1542 (\mu - 3)
 

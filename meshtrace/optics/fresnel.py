@@ -73,7 +73,7 @@ def fresnel_reflectance(
 def polarised_reflectances(
     cos_i: Annotated[ArrayLike, Field(ge=0.0, le=1.0)], n1: Index, n2: Index
 ) -> tuple[Floats, Floats]:
-    r"""Return the reflectances of light polarised across and in the plane of incidence.
+    r"""Return the reflectances for s- and p-polarised light.
 
     .. math::
         \rho_s = r_s^2, \quad \rho_p = r_p^2, \quad

@@ -33,10 +33,11 @@ from meshtrace.optics.phase import HistogramPhase
 _LOG = logging.getLogger(__name__)
 # Raise when the recipe of `population_table` changes: tables kept on disk are then left behind.
 _FORMAT = 1
-# Irrational steps: the golden ratio from size to size, the plastic number from bin to bin.
+# Irrational steps of the angle inside a bin, in widths of the bin: the reciprocals of the golden
+# ratio, from one set of angles to the next, and of the plastic number, from bin to bin.
 _SIZE_STEP = 0.6180339887498949
 _BIN_STEP = 0.7548776662466927
-_ORDERS = 256  # of a block, which bounds the memory
+_ORDERS = 256  # orders n summed in one block. Tuned: it bounds the memory.
 
 
 class Efficiencies(NamedTuple):
@@ -75,7 +76,7 @@ class MieTable:
     def __post_init__(self) -> None:
         if not np.all(np.isfinite([self.q_sca, self.g, self.closure])):
             raise Refused("q_sca, g, closure", (self.q_sca, self.g, self.closure), "finite numbers")
-        _ = self.phase  # refuses other edges and probabilities
+        _ = self.phase  # refuses edges and probabilities that make no histogram
         # One table is shared by all who ask for it.
         self.theta_edges.setflags(write=False)
         self.cdf.setflags(write=False)
@@ -88,9 +89,10 @@ class MieTable:
 
 @lru_cache(maxsize=1)
 def _miepython() -> ModuleType:
-    """Import miepython with its compiled backend, selected by an environment variable."""
+    """Import miepython with its compiled backend."""
     from meshtrace.kernels.jit import foreign_kernels
 
+    # miepython reads the variable when it is imported
     before = os.environ.get("MIEPYTHON_USE_JIT")
     os.environ["MIEPYTHON_USE_JIT"] = "1"
     try:
@@ -208,35 +210,43 @@ def angular_edges() -> Floats:
     backscatter fraction is exact.
     """
     forward = np.geomspace(1e-3, 5.0, 750)
+    # 5.1 ... 180.0 deg
     return np.deg2rad(np.concatenate(([0.0], forward, np.arange(51, 1801) / 10.0)))
 
 
 def _angular_blocks(cosine: Floats, orders: int) -> Iterator[tuple[int, Floats, Floats]]:
-    """Yield first order - 1, and pi_n, tau_n times (2n+1)/(n(n+1)), by blocks of orders."""
-    # upward recurrences of pi_n and tau_n (Bohren and Huffman, chapter 4)
-    before, now = np.zeros_like(cosine), np.ones_like(cosine)
+    """Yield blocks of the angular functions, scaled for the sums of S1 and S2.
+
+    Each block is (start, pi, tau): row i holds (2n+1)/(n(n+1)) pi_n and tau_n of the order
+    n = start + 1 + i, shape (orders of the block, angles).
+    """
+    # Upward recurrences (Bohren and Huffman, eq. 4.47), mu = cos(theta), pi_0 = 0, pi_1 = 1:
+    # tau_n = n mu pi_n - (n+1) pi_(n-1),  pi_(n+1) = ((2n+1) mu pi_n - (n+1) pi_(n-1)) / n
+    previous, current = np.zeros_like(cosine), np.ones_like(cosine)
     for start in range(0, orders, _ORDERS):
         count = min(_ORDERS, orders - start)
         pi, tau = np.empty((2, count, cosine.size))
         for row, n in enumerate(range(start + 1, start + count + 1)):
             scale = (2 * n + 1) / (n * (n + 1))
-            forward = cosine * now
-            pi[row] = scale * now
-            tau[row] = (scale * n) * forward - (scale * (n + 1)) * before
-            before, now = now, ((2 * n + 1) * forward - (n + 1) * before) / n
+            mu_pi = cosine * current
+            pi[row] = scale * current
+            tau[row] = (scale * n) * mu_pi - (scale * (n + 1)) * previous
+            previous, current = current, ((2 * n + 1) * mu_pi - (n + 1) * previous) / n
         yield start, pi, tau
 
 
 def _intensities(m: complex, x: Floats, cosine: Floats) -> Floats:
-    """Return `phase_intensity` of many spheres, shape (angles, spheres), x in falling order.
+    """Return `phase_intensity` of many spheres, shape (angles, spheres), for x in falling order.
 
     The spheres share their angles, so pi_n and tau_n are summed with the coefficients of all of
     them by matrix products: S1 + S2 = sum (a+b)(pi+tau), S1 - S2 = sum (a-b)(pi-tau).
     """
     series = [_miepython().coefficients(m, size) for size in x]
     orders = np.array([pair.shape[1] for pair in series])
+    # S1 + S2 and S1 - S2, two columns (real, imaginary) for each sphere
     plus, minus = np.zeros((2, cosine.size, 2 * x.size))
     for start, pi, tau in _angular_blocks(cosine, int(orders[0])):
+        # larger spheres have more orders: those with terms in this block come first
         spheres = int(np.count_nonzero(orders > start))
         sums, differences = np.zeros((2, len(pi), spheres), dtype=np.complex128)
         for column in range(spheres):
@@ -246,6 +256,7 @@ def _intensities(m: complex, x: Floats, cosine: Floats) -> Floats:
         # Real and imaginary parts side by side keep the products real: half the work.
         plus[:, : 2 * spheres] += (pi + tau).T @ sums.view(np.float64)
         minus[:, : 2 * spheres] += (pi - tau).T @ differences.view(np.float64)
+    # |S1|^2 + |S2|^2 = (|S1 + S2|^2 + |S1 - S2|^2) / 2, and i is half of it
     square = plus**2 + minus**2
     return (square[:, ::2] + square[:, 1::2]) / 4.0
 
@@ -296,16 +307,18 @@ def population_table(
     edges = angular_edges() if theta_edges is None else np.array(theta_edges, dtype=np.float64)
     if edges.ndim != 1 or edges.size < 2 or not (np.diff(edges) > 0.0).all():
         raise Refused("theta_edges", edges, "increasing angles (n,) from 0 to pi")
-    half = np.sin(edges / 2.0) ** 2
-    width = np.diff(half)
+    # in s = sin^2(theta / 2), where dOmega = 4 pi ds
+    s_edges = np.sin(edges / 2.0) ** 2
+    width = np.diff(s_edges)
     offset = _BIN_STEP * np.arange(width.size)
     mass = np.zeros(width.size)
+    # every `rotations`-th sphere shares a set of angles; more sets than spheres would be empty
     for turn in range(min(rotations, sizes.size)):
-        # steps of irrational numbers fill a bin evenly, whatever the number of spheres
-        nodes = half[:-1] + width * ((offset + _SIZE_STEP * turn) % 1.0)
+        # steps of irrational numbers fill a bin evenly, whatever the number of sets
+        nodes = s_edges[:-1] + width * ((offset + _SIZE_STEP * turn) % 1.0)
         chosen = sizes[turn::rotations]
         mass += (_intensities(m, chosen, 1.0 - 2.0 * nodes) / chosen**2).sum(axis=1)
-    # A bin's solid angle is 4 pi width, and Q's differential is i / (pi x^2).
+    # A bin's solid angle is 4 pi width, and dQ_sca/dOmega is i / (pi x^2).
     cdf = np.concatenate(([0.0], np.cumsum(4.0 * width * mass / sizes.size)))
     _, q_sca, g = efficiencies(m, sizes)
     mean = float(q_sca.mean())
@@ -322,7 +335,7 @@ def population_table(
 def cached_table(
     stem: str, inputs: Mapping[str, int | float], compute: Callable[[], MieTable]
 ) -> MieTable:
-    """Return the table of these inputs: shipped, from the user's cache, or computed and kept.
+    """Return the table of these inputs: shipped, from the user's cache, or computed and stored.
 
     Parameters
     ----------
@@ -340,12 +353,12 @@ def cached_table(
     Notes
     -----
     Files are replaced atomically (`files.atomic`), so that parallel runs see whole files. A
-    damaged file is replaced with a warning; a cache that cannot be written costs a warning and
-    the time to compute again.
+    damaged file is replaced with a warning. If the cache cannot be written, a warning is issued and
+    the table is computed again next time.
     """
     if not re.fullmatch(r"[\w.-]{1,100}", stem):
         raise Refused("stem", stem, "letters, digits, points and hyphens, at most 100")
-    # kept in the file, too, and compared: its name has only a part of the hash
+    # The inputs are stored in the file, too, and compared: its name has only a part of the hash.
     text = json.dumps(dict(inputs) | {"format": _FORMAT}, sort_keys=True)
     name = f"{stem}-{hashlib.sha256(text.encode()).hexdigest()[:16]}.npz"
     shipped = importlib.resources.files("meshtrace.optics").joinpath("data", name)

@@ -28,12 +28,17 @@ from meshtrace.quadrature import gauss_legendre
 from meshtrace.tables import Column, read_columns
 from meshtrace.units import is_convertible
 
+# Largest error of a sampler's CDF. Tuned: it trades the size of the tables for accuracy.
 _QUANTILE_TOLERANCE = 5e-7
+# Equal intervals of u in a table: the first attempt, the limit, and the factor between attempts.
 _FEWEST_INTERVALS, _MOST_INTERVALS, _FINER = 4096, 65536, 4
 
 
 class Segments(NamedTuple):
-    """Pieces s_lo < s <= s_hi with a density in s that goes as s^(p - 1), and their masses."""
+    """Pieces s_lo < s <= s_hi with a density in s that goes as s^(p - 1), and their masses.
+
+    All arrays have shape (n,), in increasing s from 0 to 1; the masses are probabilities.
+    """
 
     s_lo: Floats
     s_hi: Floats
@@ -42,7 +47,8 @@ class Segments(NamedTuple):
 
     @classmethod
     def from_densities(cls, s_lo: Floats, s_hi: Floats, p: Floats, at_hi: Floats) -> Segments:
-        """Return the pieces of densities at their upper ends, normalised."""
+        """Return pieces with the densities `at_hi` (in any unit) at s_hi, normalised."""
+        # the masses here are placeholders: `_integral` does not use them
         pieces = cls(s_lo, s_hi, p, at_hi)
         mass = at_hi * s_hi * pieces._integral
         return pieces._replace(mass=mass / mass.sum())
@@ -55,6 +61,7 @@ class Segments(NamedTuple):
 
     @property
     def _integral(self) -> Floats:
+        """Integral of x^(p - 1) over a piece, where x = s / s_hi."""
         return power_integral(self.p, self.log_ratio)
 
     def pdf(self, s: Floats) -> Floats:
@@ -62,33 +69,37 @@ class Segments(NamedTuple):
         i = self._index(s)
         with np.errstate(divide="ignore"):
             shape = (s / self.s_hi[i]) ** (self.p[i] - 1.0)
+        # value at s_hi, from mass = 4 pi pdf(s_hi) s_hi integral
         scale = self.mass / (4.0 * np.pi * self.s_hi * self._integral)
         return scale[i] * shape
 
     def cdf(self, s: Floats) -> Floats:
-        """Return the share of light that is scattered to s or less."""
+        """Return the probability of scattering to s or less."""
         i = self._index(s)
         with np.errstate(divide="ignore"):
             above = power_integral(self.p[i], np.log(s / self.s_hi[i]))
-        share = above / self._integral[i]
-        return np.cumsum(self.mass)[i] - share * self.mass[i]
+        # fraction of the piece's mass between s and s_hi
+        fraction = above / self._integral[i]
+        return np.cumsum(self.mass)[i] - fraction * self.mass[i]
 
     def quantile(self, u: Floats) -> Floats:
-        """Return s up to which the shares u of the light are scattered."""
-        # rounding may leave u above the last sum, where pieces without mass would be found
+        """Return s at the cumulative probabilities u, the inverse of `cdf`."""
+        # rounding may leave u above the last sum: the search must not end in a piece without mass
         top, last = np.cumsum(self.mass), np.flatnonzero(self.mass)[-1]
         i = np.minimum(np.searchsorted(top, u, side="right"), last)
         above = np.clip((top[i] - u) / self.mass[i], 0.0, 1.0) * self._integral[i]
+        # `power_integral` solved for its lower end: above = (1 - x^p) / p with x = s / s_hi
         with np.errstate(divide="ignore", invalid="ignore"):
-            law = np.log1p(-self.p[i] * above) / self.p[i]
-        return self.s_hi[i] * np.exp(np.where(self.p[i] == 0.0, -above, law))
+            log_x = np.log1p(-self.p[i] * above) / self.p[i]
+        return self.s_hi[i] * np.exp(np.where(self.p[i] == 0.0, -above, log_x))
 
     def mean(self) -> float:
         """Return the mean of s."""
-        first = power_integral(self.p + 1.0, self.log_ratio)
-        return float(np.sum(self.mass * self.s_hi * first / self._integral))
+        first_moment = power_integral(self.p + 1.0, self.log_ratio)
+        return float(np.sum(self.mass * self.s_hi * first_moment / self._integral))
 
     def _index(self, s: Floats) -> NDArray[np.intp]:
+        """Return the index of the piece that holds s."""
         return np.minimum(np.searchsorted(self.s_hi, s, side="left"), len(self.s_hi) - 1)
 
 
@@ -99,26 +110,30 @@ def power_integral(p: Floats, log_ratio: Floats) -> Floats:
 
 
 def power_law_segments(s: Floats, value: Floats) -> Segments:
-    """Join (s, value) by power laws, carried on to s = 0 and s = 1, and normalise."""
+    """Join the points (s, value) by power laws, extrapolate them to s = 0 and 1, and normalise."""
     slope = np.diff(np.log(value)) / np.diff(np.log(s))
     p = 1.0 + np.concatenate([slope[:1], slope, slope[-1:]])
+    # Rounding of the logarithms must not decide whether the law has an integral (p > 0), or whether
+    # a flat table (p = 1) stays finite at s = 0.
     p[np.abs(p) < 1e-7] = 0.0
     p[np.abs(p - 1.0) < 1e-7] = 1.0
     if p[0] <= 0.0:
+        # at small angles s^(p - 1) goes as theta^(2 p - 2)
         law = f"theta^{2.0 * p[0] - 2.0:.3g}"
         rise = Described(f"{value[0]:g}, {value[1]:g}, ... rise towards 0 as {law}")
         raise Refused("value", rise, "less steeply than theta^-2, else it has no integral")
     s_lo, s_hi = np.concatenate([[0.0], s]), np.concatenate([s, [1.0]])
-    # the law of the last pair, carried on to s = 1
+    # the law of the last pair, extrapolated to s = 1
     at_hi = np.concatenate([value, value[-1:] * s[-1] ** -slope[-1]])
-    keep = s_lo < s_hi
-    return Segments.from_densities(s_lo[keep], s_hi[keep], p[keep], at_hi[keep])
+    # the last piece is empty if the table ends at s = 1
+    filled = s_lo < s_hi
+    return Segments.from_densities(s_lo[filled], s_hi[filled], p[filled], at_hi[filled])
 
 
 def _invert(function: Callable[[Floats], Floats], u: Floats) -> Floats:
     """Solve function(y) = u on [0, 1] by bisection, for a function that grows from 0 to 1."""
     low, high = np.zeros_like(u), np.ones_like(u)
-    # 2^-60 is below the spacing of doubles near 1
+    # 60 halvings: 2^-60 is below the spacing of doubles near 1
     for _ in range(60):
         y = 0.5 * (low + high)
         below = function(y) < u
@@ -128,6 +143,7 @@ def _invert(function: Callable[[Floats], Floats], u: Floats) -> Floats:
 
 def sample_s(tables: PhaseTables, u: Floats) -> Floats:
     """Return samples of s, the array twin of `meshtrace.kernels.medium.sample_s`."""
+    # nodes: s^(1/exponent) at the first k + 1 points of the grid, then s from point k on
     nodes, k, exponent = tables
     grid = np.linspace(0.0, 1.0, len(nodes) - 1)
     power = np.interp(u, grid[: k + 1], nodes[: k + 1]) ** exponent
@@ -222,7 +238,8 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
 
     @property
     def backscatter_fraction(self) -> float:
-        """Share B of the light that is scattered by more than 90 degrees."""
+        """Fraction B of the scattered light that goes beyond 90 degrees."""
+        # s = 1/2 at 90 degrees
         return float(1.0 - self._cdf_s(np.array(0.5)))
 
     def tables(self) -> PhaseTables:
@@ -236,7 +253,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
     def _segments(self) -> Segments:
         """Return the pieces in the order of s, by default from `density`.
 
-        A density is joined by power laws between angles 0.4 % or 0.04 degrees apart.
+        The angles are 0.4 % or 0.04 degrees apart, whichever is less.
         """
         theta = np.union1d(np.geomspace(1e-6, np.pi, 4097), np.linspace(0.0, np.pi, 4097)[1:])
         value = np.broadcast_to(np.asarray(self.density(theta), np.float64), theta.shape)
@@ -251,7 +268,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
         return _segments(self).pdf(s)
 
     def _cdf_s(self, s: Floats) -> Floats:
-        """Return the share of light that is scattered to s or less."""
+        """Return the probability of scattering to s or less."""
         return _segments(self).cdf(s)
 
     def _mean_s(self) -> float:
@@ -261,15 +278,16 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
     @property
     def _exponent(self) -> float:
         """Power of u with which the quantiles of s rise from 0."""
+        # the CDF of the first piece goes as s^p
         return float(1.0 / _segments(self).p[0])
 
-    def _roots(self, u: Floats) -> Floats:
-        """Return s^(1 / exponent) up to which the shares u of the light are scattered."""
+    def _root_quantiles(self, u: Floats) -> Floats:
+        """Return y = s^(1 / exponent) at the cumulative probabilities u, linear in u near 0."""
         return _segments(self).quantile(u) ** (1.0 / self._exponent)
 
 
 class BuiltInPhase(PhaseFunction, frozen=True):
-    """Base of the phase functions that define their pieces, or more, in closed form."""
+    """Base of the phase functions that define `_segments` or `_pdf_s` in place of `density`."""
 
     def density(self, theta: Floats) -> Floats:
         """Return the phase function [1/sr] at angles [rad]."""
@@ -277,14 +295,16 @@ class BuiltInPhase(PhaseFunction, frozen=True):
 
 
 class ClosedPhase(BuiltInPhase, frozen=True):
-    """Base of the phase functions with a CDF in closed form, whose quantiles are solved for."""
+    """Base of the phase functions with a CDF in closed form; quantiles are found by bisection."""
 
     @property
     def _exponent(self) -> float:
+        # a density that is finite at s = 0: the CDF is linear there
         return 1.0
 
-    def _roots(self, u: Floats) -> Floats:
+    def _root_quantiles(self, u: Floats) -> Floats:
         y = _invert(lambda y: self._cdf_s(y**self._exponent), u)
+        # the last u is 1, where the bisection may stop short by rounding
         y[-1] = 1.0
         return y
 
@@ -296,24 +316,25 @@ def _segments(phase: PhaseFunction) -> Segments:
 
 @lru_cache(maxsize=64)
 def _tables(phase: PhaseFunction) -> PhaseTables:
-    """Tabulate s at equal steps of u, and s^(1/exponent) if s is a power of u.
+    """Tabulate quantiles at equal steps of u: y = s^(1/exponent) in the first k, s in the others.
 
     Linear interpolation of s in u errs in proportion to s''/s', which grows towards the forward
-    peak; there y = s^(1/exponent) is nearly linear in u. Steps are split until the CDF is met
-    within the tolerance at the middle of every one; where a density jumps, within half a step.
+    peak; there y is nearly linear in u. The steps are made finer until the CDF is met within the
+    tolerance at the middle of every one, or the limit is reached: where a density jumps the error
+    is then up to half a step.
     """
     intervals, exponent = _FEWEST_INTERVALS, phase._exponent
     while True:
         u = np.linspace(0.0, 1.0, intervals + 1)
-        y, middle = phase._roots(u), 0.5 * (u[:-1] + u[1:])
+        y, middle = phase._root_quantiles(u), 0.5 * (u[:-1] + u[1:])
         y[0] = 0.0
         s = y**exponent
         error_s = np.abs(phase._cdf_s(0.5 * (s[:-1] + s[1:])) - middle)
         error_y = np.abs(phase._cdf_s((0.5 * (y[:-1] + y[1:])) ** exponent) - middle)
-        coarse = (error_s > _QUANTILE_TOLERANCE) & (error_y < error_s)
-        # y serves the forward peak alone: the first half of the light at most
-        better = np.flatnonzero(coarse[: intervals // 2])
-        k = int(better[-1]) + 1 if better.size else 0
+        needs_y = (error_s > _QUANTILE_TOLERANCE) & (error_y < error_s)
+        # y serves the forward peak alone: the first half of the intervals at most
+        indices = np.flatnonzero(needs_y[: intervals // 2])
+        k = int(indices[-1]) + 1 if indices.size else 0
         worst = max(error_y[:k].max(initial=0.0), error_s[k:].max(initial=0.0))
         if worst <= _QUANTILE_TOLERANCE or intervals == _MOST_INTERVALS:
             return PhaseTables(np.append(y[: k + 1], s[k:]), k, exponent)
@@ -403,15 +424,16 @@ class TabulatedPhase(BuiltInPhase, frozen=True):
         """
         table = read_columns(path, _COLUMNS, delimiter=delimiter)
         theta, value = table["theta"], table["value"]
-        end = abs(float(theta.values[-1]) - np.pi)
-        if (theta.heading is None or theta.heading.unit is None) and end < 0.01:
+        # without a unit angles are read as degrees: 3.14 at the end tells that they are radians
+        off_pi = abs(float(theta.values[-1]) - np.pi)
+        if (theta.heading is None or theta.heading.unit is None) and off_pi < 0.01:
             angles = Described(f"angles that end at {theta.values[-1]:g}, without unit")
             raise Refused(str(path), angles, "a heading theta [deg] or theta [rad]")
         unit = value.heading.unit if value.heading else None
         if unit and any(is_convertible(unit, density) for density in ("rad-1", "m-1 rad-1", "dB")):
             allowed = "values per solid angle, such as [sr-1] or [m-1 sr-1], or relative ones"
             raise Refused(str(path), Described(f"values in {unit}"), allowed)
-        # 180 degrees, as radians of four digits or more
+        # pi rounded to 3.142 rad is 180.023 degrees: take it for 180; more is refused by `_check`
         largest = 180.0 if theta.values[-1] < 180.03 else np.inf
         return cls(theta_deg=np.minimum(theta.values, largest), value=value.values)
 
@@ -433,8 +455,8 @@ class Petzold(BuiltInPhase, frozen=True):
     -----
     55 angles from 0.1 to 180 degrees, joined and normalised as in `TabulatedPhase`. The printed
     table 3.10 of Mobley (1994) has 2.188e2 for the average particle at 0.501 degrees, 9 % above
-    its neighbours' trend; the file of the Ocean Optics Web Book has 2.018e2 (on its scale), which
-    is used here.
+    its neighbours' trend; the file of the Ocean Optics Web Book has 2.018e2 (on the file's scale),
+    which is used here.
 
     References
     ----------
@@ -504,7 +526,8 @@ class FournierForand(ClosedPhase, frozen=True):
     .. math::
         F(\theta) = 1 - (1 - s) \frac{1 - \delta^{-v}}{1 - \delta}
         + \frac{K}{8} \cos\theta \sin^2\theta, \qquad
-        \delta = \frac{4 s}{3 (n - 1)^2}, \quad v = \frac{3 - \mu}{2}
+        \delta = \frac{4 s}{3 (n - 1)^2}, \quad v = \frac{3 - \mu}{2}, \quad
+        K = \frac{\delta_\pi^{-v} - 1}{\delta_\pi - 1}, \quad \delta_\pi = \delta(s = 1)
 
     Parameters
     ----------
@@ -550,8 +573,8 @@ class FournierForand(ClosedPhase, frozen=True):
         return (3.0 - self.mu) / 2.0
 
     @property
-    def _last(self) -> float:
-        """Factor of cos sin^2 in the CDF."""
+    def _last_factor(self) -> float:
+        """Factor of cos sin^2 in the CDF: K / 8 or K / (16 pi)."""
         delta_pi = 4.0 / (3.0 * (self.n - 1.0) ** 2)
         k = (delta_pi**-self._v - 1.0) / (delta_pi - 1.0)
         return k / 8.0 if self.cdf_coef == "exact" else k / (16.0 * np.pi)
@@ -560,43 +583,49 @@ class FournierForand(ClosedPhase, frozen=True):
         return 4.0 * s / (3.0 * (self.n - 1.0) ** 2)
 
     def _pdf_s(self, s: Floats) -> Floats:
+        # Fournier and Jonasz (1999), 4 pi times the first term:
+        # [v e - (1 - delta^v) + (delta (1 - delta^v) - v e) / s] / (e^2 delta^v), e = 1 - delta
         v = self._v
         with np.errstate(divide="ignore", invalid="ignore"):
             delta = self._delta(s)
             e = 1.0 - delta
+            # the division by delta^v is carried out first
             w = delta**-v
             bracket = w * v * e + 1.0 - w + (delta * (w - 1.0) - w * v * e) / s
             bracket = np.array(bracket / e**2)
-            # 0 / 0 at delta = 1: its series there
+            # 0 / 0 at delta = 1: take the series where its six terms are good to about e^6 = 1e-12
             near = np.abs(e) < 1e-2
             bracket[near] = w[near] * _ff_series(v, e[near], s[near])
         cos_theta = 1.0 - 2.0 * s
-        # the derivative of K / 8 cos sin^2
-        last = self._last / (2.0 * np.pi) * (3.0 * cos_theta**2 - 1.0)
+        # the last term of the CDF, by d/ds over 4 pi
+        last = self._last_factor / (2.0 * np.pi) * (3.0 * cos_theta**2 - 1.0)
         return np.where(s == 0.0, np.inf, bracket / (4.0 * np.pi) + last)
 
     def _cdf_s(self, s: Floats) -> Floats:
         with np.errstate(divide="ignore", invalid="ignore"):
             delta = self._delta(s)
             w = delta**-self._v
-            # F over one denominator, which does not cancel towards s = 0 as 1 - (1 - s) ratio does
-            small = (w * (1.0 - s) - delta + s) / (1.0 - delta)
+            # 1 - (1 - s) ratio (below) over one denominator: it does not cancel towards s = 0
+            small_delta = (w * (1.0 - s) - delta + s) / (1.0 - delta)
             log = np.log(delta)
             # (1 - delta^-v) / (1 - delta), regular at delta = 1
             ratio = np.where(log == 0.0, -self._v, np.expm1(-self._v * log) / np.expm1(log))
-        first = np.where(delta < 0.5, small, 1.0 - (1.0 - s) * ratio)
-        return first + self._last * (1.0 - 2.0 * s) * 4.0 * s * (1.0 - s)
+        # 0.5: anywhere below delta = 1, where the first form is 0 / 0
+        first = np.where(delta < 0.5, small_delta, 1.0 - (1.0 - s) * ratio)
+        # cos(theta) = 1 - 2 s, sin^2(theta) = 4 s (1 - s)
+        return first + self._last_factor * (1.0 - 2.0 * s) * 4.0 * s * (1.0 - s)
 
     def _mean_s(self) -> float:
+        # The mean of s is int (1 - F) ds. With s = y^exponent F is linear in y near 0, so that the
+        # integrand is smooth: a composite Gauss rule in y on [0, 1], finer towards 0.
         exponent = self._exponent
-        # a composite Gauss rule on [0, 1], finer towards 0
         x, weight = gauss_legendre(20)
         edges = np.linspace(0.0, 1.0, 41) ** 2
         width = np.diff(edges)[:, None]
         y = (edges[:-1, None] + width * (x + 1.0) / 2.0).ravel()
         s = y**exponent
         weight = (width * weight / 2.0).ravel()
-        # the mean of s is int (1 - F) ds, with ds = exponent s / y dy
+        # ds = exponent s / y dy
         return float(np.sum(weight * (1.0 - self._cdf_s(s)) * exponent * s / y))
 
     @property
@@ -606,7 +635,8 @@ class FournierForand(ClosedPhase, frozen=True):
 
 
 def _ff_series(v: float, e: Floats, s: Floats) -> Floats:
-    """Expand the bracket of the Fournier-Forand function, over e^2, around delta = 1 - e = 1."""
+    """Expand the bracket of `FournierForand._pdf_s`, times delta^v, in e = 1 - delta."""
+    # a[k] is the binomial coefficient of v over k + 1, as in delta^v = (1 - e)^v
     a = list(itertools.accumulate(range(1, 8), lambda c, k: c * (v - k) / (k + 1), initial=v))
     powers = [(-e) ** k for k in range(6)]
     first = sum(a[k + 1] * powers[k] for k in range(6))
@@ -626,7 +656,7 @@ class HenyeyGreenstein(ClosedPhase, frozen=True):
 
     Notes
     -----
-    Density, CDF and its inverse are written in s, where g = 0 needs no special case.
+    Density and CDF are written in s, where g = 0 needs no special case.
 
     References
     ----------

@@ -94,7 +94,7 @@ def sea_water_scattering(wavelength_nm: RangedArray) -> Floats:
 def zhang_hu_he(
     wavelength_nm: RangedArray, temperature_c: RangedArray = 20.0, salinity: RangedArray = 35.0
 ) -> Floats:
-    r"""Return the scattering coefficient of sea water by fluctuations of density and salt.
+    r"""Return the scattering coefficient of sea water from fluctuations of density and salinity.
 
     .. math::
         b = \frac{8 \pi}{3} \frac{2 + d}{1 + d} \frac{6 + 6 d}{6 - 7 d} \frac{\pi^2}{\lambda^4}
@@ -180,7 +180,7 @@ def _density(t: Floats, s: Floats) -> Floats:
 
 
 def _activity_slope(t: Floats, s: Floats) -> Floats:
-    """Return the derivative of ln(activity of water) by salinity, Millero and Leung (1976)."""
+    """Return d ln(activity of water) / d(salinity), Millero and Leung (1976)."""
     first = polyval(t, (-5.58651e-4, 2.40452e-7, -3.12165e-9, 2.40808e-11))
     second = polyval(t, (1.79613e-5, -9.9422e-8, 2.08919e-9, -1.39872e-11))
     third = polyval(t, (-2.31065e-6, -1.37674e-9, -1.93316e-11))
@@ -258,7 +258,7 @@ def interpolate(wavelength_nm: RangedArray, nodes: Floats, values: Floats) -> Fl
 
 
 def check_range(name: str, value: ArrayLike, low: float, high: float, unit: str) -> Floats:
-    """Return values of a range as an array; refuse others."""
+    """Return values as an array; refuse any outside the range."""
     return require_range(value, low, high, name, allowed=f"{low:g} <= {name} <= {high:g} {unit}")
 
 

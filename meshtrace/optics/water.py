@@ -81,7 +81,7 @@ class Water(Model, frozen=True):
 
     @pydantic.model_validator(mode="before")
     @classmethod
-    def _surface_values(cls, data: Any) -> Any:
+    def _fill_from_layers(cls, data: Any) -> Any:
         """Take a and b from the first layer unless given."""
         if isinstance(data, dict) and data.get("layers") is not None:
             allowed = "rows of [depth, a, b]"
@@ -93,7 +93,7 @@ class Water(Model, frozen=True):
         return data
 
     @pydantic.model_validator(mode="after")
-    def _of_spectrum(self) -> Self:
+    def _fill_from_spectrum(self) -> Self:
         """Take values that were not set from the spectrum; remember which were set."""
         if self.spectrum is None or self.wavelength_nm is None:
             if self.spectrum is not None:
@@ -103,13 +103,14 @@ class Water(Model, frozen=True):
             return self
         fields_set = self.model_fields_set
         for name, value in _derived(self.spectrum, self.wavelength_nm).items():
-            # values that agree with the spectrum follow from it, as in a file that has both
+            # A value that agrees with the spectrum counts as derived from it: a stored water has
+            # both, and `at_wavelength` must change it.
             if name not in fields_set or _same(getattr(self, name), value):
                 object.__setattr__(self, name, value)
                 fields_set.discard(name)
         if fields_set & {"a", "b", "layers"}:
-            # with other coefficients the spectrum no longer
-            # says what the water is at other wavelengths
+            # With other coefficients the spectrum no longer says what the water is at other
+            # wavelengths: drop it, and hold every value as given.
             fields_set |= {"a", "b", "layers", "n", "phase"}
             object.__setattr__(self, "spectrum", None)
             object.__setattr__(self, "wavelength_nm", None)
@@ -162,11 +163,11 @@ class Water(Model, frozen=True):
         [0.1, 0.30000000000000004]
         """
         nodes, a, b = np.array(self.layers or [(0.0, self.a, self.b)]).T
-        at = np.asarray(depth, float)
-        return np.interp(at, nodes, a), np.interp(at, nodes, b)
+        depths = np.asarray(depth, float)
+        return np.interp(depths, nodes, a), np.interp(depths, nodes, b)
 
     def at_wavelength(self, wavelength_nm: float) -> Self:
-        """Return the water at another wavelength; given values other than a and b are kept.
+        """Return the water at another wavelength, with given values other than a and b unchanged.
 
         Parameters
         ----------
@@ -211,8 +212,8 @@ class Water(Model, frozen=True):
 
         Examples
         --------
-        >>> found = Water.from_type("jerlov-IB").spectra([450.0, 550.0])
-        >>> found.c.values.round(4)
+        >>> spectra = Water.from_type("jerlov-IB").spectra([450.0, 550.0])
+        >>> spectra.c.values.round(4)
         array([0.0915, 0.1159])
         """
         import xarray as xr
@@ -243,7 +244,7 @@ class Water(Model, frozen=True):
         return self.described()
 
     def described(self, wavelength_nm: float | None = None) -> str:
-        """Return a and b with their wavelength and their source as a line of text.
+        """Return a and b with their wavelength and their source, as a line of text.
 
         Parameters
         ----------
@@ -267,10 +268,11 @@ class Water(Model, frozen=True):
         spectrum, used = self.spectrum, wavelength_nm or self.wavelength_nm
         values = f"a {self.a:.4g}, b {self.b:.4g} m-1{f' at {used:g} nm' if used else ''}{surface}"
         if spectrum is None:
-            # waters of Petzold are told by their values, which are the defaults, too
+            # Petzold's waters are recognised by a and b: the defaults are those of his clear water
             names = (name for name, known in PETZOLD.items() if known == (self.a, self.b))
             spectrum = next((WaterType(type=f"petzold-{name}") for name in names), None)
         elif self.wavelength_nm != used:
+            # used at a wavelength for which its values were not computed
             return f"{values}: {spectrum.source}, for {self.wavelength_nm:g} nm"
         return f"{values}: {spectrum.source if spectrum else 'as given'}"
 
@@ -342,7 +344,7 @@ class Water(Model, frozen=True):
 
 @lru_cache(maxsize=1024)
 def _derived(spectrum: WaterSpectrum, wavelength_nm: float) -> dict[str, Any]:
-    """Return the fields of a water that follow from its spectrum."""
+    """Return the fields of a water that follow from its spectrum, with defaults for the others."""
     fields = {name: Water.model_fields[name].default for name in ("n", "phase", "layers")}
     fields |= spectrum.properties(wavelength_nm)
     if fields["layers"] is not None:

@@ -26,8 +26,10 @@ _FIELDS = {"a": ("a", "agp"), "b": ("b", "bp"), "c": ("c", "cgp")}
 """Fields of SeaBASS: the whole coefficient, and that without pure water."""
 
 _DEPTHS = ("depth", "bin_depth")
+# a coefficient, with its wavelength [nm] if it is appended, as in agp440 or c412.5
 _COEFFICIENT = re.compile(r"(?:a|agp|b|bp|c|cgp)(?:\d+(?:\.\d+)?)?")
 _DELIMITERS = {"": " ", "space": " ", "comma": ",", "tab": "\t", "semicolon": ";"}
+# keys of the SeaBASS header whose number stands in the table for "no value"
 _NO_VALUES = ("missing", "below_detection_limit", "above_detection_limit")
 _GOOD = (b"1", b"2", b"5", b"8")  # flags of Argo: good, probably good, changed, estimated
 
@@ -78,7 +80,7 @@ def read_spectrum(path: str | PathLike[str]) -> WaterSpectrum:
         raise Refused(str(path), Described("no such file"), "a file of a water")
     if file.suffix == ".nc":
         return _read_argo(file)
-    # names of persons and ships in the header of SeaBASS files are not always UTF-8
+    # names of people and ships in the headers of SeaBASS files are not always UTF-8
     text = text_of(file, errors="replace" if _is_seabass(file) else "strict")
     if _is_seabass(file):
         return _read_seabass(file, text)
@@ -87,7 +89,7 @@ def read_spectrum(path: str | PathLike[str]) -> WaterSpectrum:
 
 
 def _is_seabass(file: Path) -> bool:
-    """Return whether a file begins as SeaBASS files do."""
+    """Return whether a file begins with a SeaBASS header."""
     with file.open("rb") as stream:
         return b"/begin_header" in stream.read(4096).lower()
 
@@ -101,8 +103,8 @@ def _read_seabass(file: Path, text: str) -> SpectralTable:
     frame = pd.DataFrame(values, index=range(len(cells.places)))
     depth = frame[depths[0]] if depths else np.zeros(len(frame))
     frame = frame.set_index(pd.Index(depth, name="at"))
-    whole = {name: _whole(frame, name, file) for name in _FIELDS}
-    a, b, c = whole.values()
+    # each a table of the shape (depths, wavelengths), or None
+    a, b, c = (_whole(frame, name, file) for name in _FIELDS)
     if a is not None and c is not None and b is None:
         # noise of both instruments can make c less than a
         b = (_at(c, a.columns) - a).clip(lower=0.0)
@@ -110,7 +112,7 @@ def _read_seabass(file: Path, text: str) -> SpectralTable:
         labels = Described(", ".join(cells.labels))
         raise Refused(str(file), labels, "fields a or agp, and b, bp, c or cgp, with wavelengths")
     b = _at(b, a.columns)
-    # first wavelengths without values of both are left out, then depths with gaps
+    # leave out first the wavelengths without values of both, then the depths with gaps
     wavelengths = a.columns[a.notna().any() & b.notna().any()]
     full = a.index[(a[wavelengths].notna() & b[wavelengths].notna()).all(axis=1)]
     samples = [(z, w, a.at[z, w], b.at[z, w]) for z in full for w in wavelengths]
@@ -132,7 +134,7 @@ def _fields_of_seabass(file: Path, text: str) -> tuple[Cells, dict[str, Floats]]
     if not end:
         raise Refused(str(file), Described("no /end_header"), "a SeaBASS file")
     _require_fields(file, fields)
-    # the line at which the body begins, for errors
+    # number of the line at which the body begins, for errors: it follows that of /end_header
     first = len(re.findall(r"\r\n|\r|\n", head)) + 2
     body = "".join(re.split(r"\r\n|\r|\n", body, maxsplit=1)[1:])
     cells = cells_of_text(body, str(file), _DELIMITERS[delimiter], 0, first)
@@ -159,10 +161,11 @@ def _require_fields(file: Path, fields: list[str]) -> None:
         names = Described(f"fields {', '.join(twice)} twice")
         raise Refused(str(file), names, "a SeaBASS file of different fields")
     depths = [name for name in fields if name in _DEPTHS]
-    alike = depths or [name for name in fields if _is_like_depth(name)]
-    if len(depths) != 1 and alike:
+    # without a field of depth the water would be taken as uniform
+    candidates = depths or [name for name in fields if _is_like_depth(name)]
+    if len(depths) != 1 and candidates:
         allowed = f"one field of the depth, {' or '.join(_DEPTHS)}"
-        raise Refused(str(file), Described(", ".join(alike)), allowed)
+        raise Refused(str(file), Described(", ".join(candidates)), allowed)
 
 
 def _in_wanted_units(
@@ -191,12 +194,13 @@ def _unit_of(field: str) -> str:
 
 
 def _is_like_depth(field: str) -> bool:
-    known = ("water_depth", "bottom_depth", "depth_of_water", "secchi_depth")
-    return field not in known and bool(re.search(r"depth|pressure|^press?$|^z$", field))
+    """Return whether a field may be the depth of the values under another name."""
+    other_depths = ("water_depth", "bottom_depth", "depth_of_water", "secchi_depth")
+    return field not in other_depths and bool(re.search(r"depth|pressure|^press?$|^z$", field))
 
 
 def _number(file: Path, header: dict[str, str], key: str) -> float | None:
-    """Return the number of a key of the header."""
+    """Return the number of a key of the header; None if it has none."""
     if key not in header or header[key].lower() in ("", "na", "nan", "none"):
         return None
     if not reads_as_number(header[key]):
@@ -208,7 +212,8 @@ def _values(cells: Cells, index: int, name: str, missing: list[float]) -> Floats
     """Return the values of a field, nan for missing ones."""
     values = cells.numbers(index, name)
     values = np.where(np.isin(values, missing), np.nan, values)
-    # noise of a coefficient may be below zero, but not by more than 1 m-1
+    # Noise may carry a coefficient below zero, but not by more than 1 m-1: less is a number for a
+    # missing value that the header does not name, such as -999.
     wrong = np.isinf(values) | (values < -1.0)
     if wrong.any():
         row = int(np.argmax(wrong))
@@ -217,21 +222,21 @@ def _values(cells: Cells, index: int, name: str, missing: list[float]) -> Floats
 
 
 def _whole(frame: Any, name: str, file: Path) -> Any:
-    """Return a coefficient (depths, wavelengths) including pure water; None if it is missing."""
-    for field, pure in zip(_FIELDS[name], (False, True), strict=True):
+    """Return a coefficient (depths, wavelengths) including pure water; None if it is absent."""
+    for field, lacks_water in zip(_FIELDS[name], (False, True), strict=True):
         if "wavelength" in frame and field in frame:
             table = frame.pivot_table(index="at", columns="wavelength", values=field)
         else:
             number = re.compile(rf"{field}(\d+(?:\.\d+)?)$")
-            known = {f: float(m[1]) for f in frame.columns if (m := number.match(f))}
-            if len(set(known.values())) < len(known):
-                names = Described(", ".join(known))
+            nm_of = {f: float(m[1]) for f in frame.columns if (m := number.match(f))}
+            if len(set(nm_of.values())) < len(nm_of):
+                names = Described(", ".join(nm_of))
                 raise Refused(str(file), names, "each wavelength of a field once")
-            table = frame[list(known)].rename(columns=known).groupby(level=0).mean()
-        if table.shape[1] and pure:
+            table = frame[list(nm_of)].rename(columns=nm_of).groupby(level=0).mean()
+        if table.shape[1] and lacks_water:
             w = np.asarray(table.columns, np.float64)
             water = {"a": pure_water_absorption, "b": zhang_hu_he}
-            # attenuation lacks both the absorption and the scattering of pure water
+            # cgp lacks both the absorption and the scattering of pure water
             parts = water.values() if name == "c" else (water[name],)
             table = table + sum(part(w) for part in parts)
         if table.shape[1]:
@@ -240,7 +245,7 @@ def _whole(frame: Any, name: str, file: Path) -> Any:
 
 
 def _at(table: Any, wavelengths: Any) -> Any:
-    """Interpolate a table linearly to other wavelengths; missing outside."""
+    """Interpolate a table linearly to other wavelengths; nan outside its own."""
     table_nm = np.asarray(table.columns, np.float64)
     new = np.asarray(wavelengths, np.float64)
     values = [np.interp(new, table_nm, row, left=np.nan, right=np.nan) for row in table.to_numpy()]
@@ -268,15 +273,17 @@ def _read_argo(file: Path) -> Constituents:
     constituents: dict[str, Any] = {"chlorophyll": profiles["CHLA"]}
     if profiles["BBP700"] is not None:
         constituents["bbp700"] = profiles["BBP700"]
+    # the ranges that `Constituents` allows; outside of them its defaults serve
     for field, name, most in (("temperature_c", "TEMP", 30.0), ("salinity", "PSAL", 40.0)):
         profile_rows = profiles[name]
+        # value at the highest level
         if profile_rows is not None and 0.0 <= profile_rows[0][1] <= most:
             constituents[field] = profile_rows[0][1]
     return Constituents.model_validate(constituents)
 
 
 def _good(data: Any, name: str, profile: int) -> Floats:
-    """Return values of good quality in the unit of Argo; nan for all others."""
+    """Return the values of a profile, in the units of `_ARGO`; nan unless of good quality."""
     # adjusted values are calibrated; raw ones stand in where a profile has none
     for variable in (f"{name}_ADJUSTED", name):
         if variable not in data:
@@ -309,7 +316,7 @@ def _good(data: Any, name: str, profile: int) -> Floats:
 def _over_depth(
     pressure: Floats, values: Floats, name: str
 ) -> tuple[tuple[float, float], ...] | None:
-    """Return rows (depth, value) from 0 m downwards; None without good values."""
+    """Return pairs (depth, value) from 0 m downwards, 1 dbar as 1 m; None without good values."""
     if np.isnan(values).all():
         return None
     if pressure.shape != values.shape:
@@ -318,8 +325,10 @@ def _over_depth(
     good = np.isfinite(pressure) & np.isfinite(values)
     if not good.any():
         return None
+    # of levels at the same pressure the first counts
     depth, first = np.unique(np.maximum(pressure[good], 0.0), return_index=True)
     # the highest level stands for the water above it
     depth[0] = 0.0
+    # negative values count as 0
     profile = np.column_stack([depth, np.maximum(values[good][first], 0.0)])
     return tuple(map(tuple, profile.tolist()))

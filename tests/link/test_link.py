@@ -95,6 +95,9 @@ def test_directions():
     assert mt.Link(transmitter=mt.Sun(), receiver=mt.WaterAperture()).direction == "down"
     assert mt.Link(transmitter=mt.Sun()).direction == "mixed"
     assert mt.Link(transmitter=(mt.Led(), mt.AirLed())).direction == "mixed"
+    assert mt.Link(receiver=(mt.WaterReceiver(), mt.Receiver())).direction == "mixed"
+    assert mt.Link(receiver=mt.WaterReceiver()).direction == "under"
+    assert mt.Link(transmitter=mt.AirLed()).direction == "over"
     assert mt.Link().air_end == ("receiver", mt.Receiver())
 
 
@@ -139,8 +142,8 @@ def test_links_without_another_direction_are_refused(link):
         link.mirrored()
 
 
-@pytest.mark.parametrize("value", [-1.0, 90.0, float("nan")])
-def test_tilts_beyond_the_horizon_are_refused(value):
+@pytest.mark.parametrize("value", [-1.0, 180.1, float("nan")])
+def test_tilts_beyond_half_a_turn_are_refused(value):
     with pytest.raises(Refused, match=r"^(AirLed\.)?tilt_deg"):
         mt.AirLed(tilt_deg=value)
     with pytest.raises(Refused, match="tilt_deg"):

@@ -57,6 +57,7 @@ PHOTON = record_type(
         ("in_water", np.int64),  # 0 or 1
         ("retry", np.int64),  # rays that missed the surface since the last step
         ("turned", np.int64),  # scatterings, and reflections by the bottom
+        ("turned_by", np.int64),  # the last of them: SCATTERED or BOTTOM, DIRECT before the first
         ("outcome", np.int64),  # RECEIVED or LANDED once light left the sea, else -1
     ]
 )
@@ -266,7 +267,6 @@ def to_sky(q, d, weight, world):
                 world.tallies, q.id, sources.SKY_SCORE, scored_radiance, world.tints, q.tint
             )
     scored = _is_scored(q, world)
-    # in the air an aperture stops light, a map does not
     received = scored and tally.score_apertures(q, False, flight, world)
     if scored:
         tally.score_map(world.tallies, flight, world.medium, world.tints, q.tint)
@@ -417,6 +417,19 @@ def _score_water(q, length, world):
         tally.score_map(world.tallies, flight, world.medium, world.tints, q.tint)
 
 
+@outlined
+def _score_air(q, length, world):
+    """Score a path in air that does not leave for the sky; not inlined: rarely used.
+
+    Light of a lamp in the air before it meets the sea, or light between two waves.
+    """
+    if _is_scored(q, world):
+        flight = Segment(place(q), heading(q), length, q.weight, q.water, q.air)
+        tally.score_apertures(q, False, flight, world)
+        if world.tallies.grid.z > 0.0:
+            tally.score_map(world.tallies, flight, world.medium, world.tints, q.tint)
+
+
 @inlined
 def _continue(q, u_path, world):
     """Draw the next free path after a collision; end a photon by its limits."""
@@ -461,6 +474,7 @@ def scatter(q, world):
         theta = 2.0 * math.asin(math.sqrt(s)) if is_tinted(world.tints) else 0.0
         tint_scattering(world.tints, q.tint, q.z, theta, by_bubble)
         q.turned += 1
+        q.turned_by = tally.SCATTERED
         record(world.recorder, q, Vertex.SCATTER)
     return _continue(q, u_path, world)
 
@@ -479,6 +493,7 @@ def bounce(q, world):
     u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM.value)
     head(q, sources.lambert_reflection(u_cos, u_phi))
     q.turned += 1
+    q.turned_by = tally.BOTTOM
     record(world.recorder, q, Vertex.BOTTOM)
     return _continue(q, u_path, world)
 
@@ -501,6 +516,7 @@ def _start(q, photon, world):
     q.free = sample_free_path(world.medium, p, u_path) if in_water else math.inf
     q.id, q.event, q.crossings, q.facet = photon, 0, 0, -1
     q.in_water, q.retry, q.turned, q.outcome = int(in_water), 0, 0, -1
+    q.turned_by = tally.DIRECT
     record(world.recorder, q, Vertex.SOURCE)
 
 
@@ -577,6 +593,9 @@ def _settle(q, world):
         if fate == Fate.LANDED.value:
             to_sky(q, heading(q), q.weight, world)
             q.weight = 0.0
+        elif fate == Fate.LEFT_DOMAIN.value and q.in_water == 0 and world.apertures.any_in_air:
+            # beyond the mesh the sea is met at some place that is far away
+            _score_air(q, math.inf, world)
         if fate != GOES_ON or length == 0.0:
             return fate
         q.retry = 0
@@ -590,6 +609,8 @@ def _settle(q, world):
         if q.free < t:
             return scatter(q, world)
     else:
+        if world.apertures.any_in_air:
+            _score_air(q, t, world)
         put(q, along(place(q), heading(q), t))
         q.air += t
     return cross(q, world)

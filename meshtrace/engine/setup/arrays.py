@@ -27,6 +27,7 @@ from meshtrace.kernels.scene import Locator, Target, count_bins, fill_bins
 from meshtrace.kernels.sources import SourceKind, Sources
 from meshtrace.kernels.tally import Apertures
 from meshtrace.link import AirSource, Link, Receiver, Source, WaterSource
+from meshtrace.link.link import SAME_SIDE
 from meshtrace.mesh import FARTHEST, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.phase import PhaseFunction
@@ -222,6 +223,8 @@ def aperture_arrays(link: Link, frame: Frame = IDENTITY) -> Apertures:
         tan_half_fov=tan_half,
         in_water=in_water,
         any_in_water=bool(in_water.any()),
+        any_in_air=bool((~in_water).any()),
+        same_side=link.direction in SAME_SIDE,
     )
 
 
