@@ -26,7 +26,6 @@ _TYPICAL = 16.0  # depth plus height of links whose unit of length is the metre 
 _SMALL = 8.0  # meshes are scaled down for links of a unit below 1 m over this number
 _ASIDE = 20.0  # a mesh centred on the origin is fine up to receivers this far aside [m]
 _MOST_CELLS = 160  # of the fine part of the mesh of a link on one side, over its half-width
-_FEW_METRES = 10.0  # depth from which light comes back to the air, if there is no bottom above [m]
 _NEAR = 64.0  # links keep the origin (0, 0) up to this distance from it, over depth plus height
 _LEAST_DISTANCE = 1e-3  # of a source or receiver from still water [m]
 _LEAST_SHARE = 0.1  # the same over the distance of the farthest end, for links of a few millimetres
@@ -41,6 +40,9 @@ Direction = Literal["up", "down", "under", "over", "mixed"]
 
 SAME_SIDE = "under", "over"
 """Directions of links whose ends lie in one medium, with the surface as a mirror."""
+
+FEW_METRES = 10.0
+"""Depth [m] from which light comes back to the air, if there is no bottom above it."""
 
 
 class Footprint(NamedTuple):
@@ -224,15 +226,17 @@ class Link(Model, frozen=True):
         lamp, end = self.transmitter, self.receiver
         if self.planes is not None:
             raise Refused("planes", Described("given"), "None for the other direction")
-        up = isinstance(lamp, WaterSource) and type(lamp) in ABOVE and isinstance(end, Receiver)
-        if not up and not (isinstance(lamp, AirLamp) and isinstance(end, WaterReceiver)):
+        lamps: dict[Any, Any] = ABOVE | {air: air for air in ABOVE.values()}
+        from_water = isinstance(lamp, WaterSource)
+        if not isinstance(end, Receiver | WaterReceiver) or type(lamp) not in lamps:
             kinds = ", ".join(item.kind for _, item in self.items()) or "none"
-            allowed = "one LED or beam and one receiver, on either side of the surface"
+            allowed = "one LED or beam and one receiver, in the water or in the air"
             raise Refused("link", Described(kinds), allowed)
-        source: Any = ABOVE if up else {air: water for water, air in ABOVE.items()}
+        if isinstance(end, WaterReceiver):  # the lamp comes to be in the water, as the receiver is
+            lamps = {kind: water for water, air in ABOVE.items() for kind in (water, air)}
         return self.replace(
-            transmitter=_moved(source[type(lamp)], lamp, end),
-            receiver=_moved(WaterReceiver if up else Receiver, end, lamp),
+            transmitter=_moved(lamps[type(lamp)], lamp, end),
+            receiver=_moved(WaterReceiver if from_water else Receiver, end, lamp),
         )
 
     @property
@@ -478,7 +482,7 @@ class Link(Model, frozen=True):
         """Return the largest distance from a mirror crossing up to which facets are to be fine [m].
 
         Infinite for links that change sides. Of links on one side beams light their spot alone, and
-        light from the water is seen within the view, or within `_FEW_METRES` of its depth.
+        light from the water is seen within the view, or within `FEW_METRES` of its depth.
         """
         if self.direction not in SAME_SIDE:
             return math.inf
@@ -489,7 +493,7 @@ class Link(Model, frozen=True):
             abs(r.center[2]) * math.tan(min(math.radians(r.fov_deg) / 2.0, 1.5))
             for r in self.receivers
         ]
-        return max(*spots, min(max(seen), self.water.bottom_depth or _FEW_METRES))
+        return max(*spots, min(max(seen), self.water.bottom_depth or FEW_METRES))
 
     def _middle(self, most: float) -> tuple[tuple[float, float], float, float]:
         """Return the middle of the fine mesh, and half-widths of what it covers and of all ends.
