@@ -137,6 +137,7 @@ def test_closed_forms_over_still_water(link, part, expected):
     assert sum(result.gain_parts.values()) == pytest.approx(result.gain, rel=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning")
 def test_the_glint_of_gaussian_slopes():
     # R0 A / (4 pi mss H^2), mss of both components, for slopes that are wide against the beam
     s = 0.1
