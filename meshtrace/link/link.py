@@ -202,6 +202,17 @@ class Link(Model, frozen=True):
         lamps = all(isinstance(t, AirLamp) for t in self.transmitters)
         return ("over" if lamps else "mixed") if air else "down"
 
+    def require_change_of_sides(self) -> None:
+        """Refuse a link whose ends lie on one side of the surface.
+
+        Raises
+        ------
+        Refused
+            If its direction is "under" or "over".
+        """
+        if self.direction in SAME_SIDE:
+            raise Refused("link", Described("ends on one side"), "a link that changes sides")
+
     def mirrored(self) -> Self:
         """Return the link in the other direction: lamp and receiver change places.
 

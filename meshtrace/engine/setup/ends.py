@@ -161,12 +161,6 @@ def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
     )
 
 
-def require_change_of_sides(link: Link) -> None:
-    """Refuse a link whose ends lie on one side, which photons follow but no chains."""
-    if link.direction in SAME_SIDE:
-        raise Refused("link", Described("ends on one side"), "a link that changes sides")
-
-
 def require_points(link: Link) -> None:
     """Refuse an extended source, whose light joined photons follow but no chains."""
     for path, item in link.items():
