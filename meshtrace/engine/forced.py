@@ -398,11 +398,11 @@ class ForcedDetection:
         tinting, links = self.planner.shared.tinting, self.planner.shared.links
         tables = [list[ArrivalTally]() for _ in links]
         for e, t in self.arrays.pairs if self.arrays.reflects else []:
-            light = parts.straight_light(self.arrays, e, t)
+            arrivals = parts.straight_light(self.arrays, e, t)
             gains, _ = self._straight_gains(aimed, e, t)
             for table, gain, link in zip(tables, gains, links, strict=True):
                 if gain.any():
-                    table.append(light.table(self.arrays.receiver(e, t), gain.mean(), link))
+                    table.append(arrivals.table(self.arrays.receiver(e, t), gain.mean(), link))
         for e, t in self.arrays.pairs:
             for arrivals in self._arrivals(aimed, e, t, tinting.tints):
                 # weights are those of the base wavelength, factors (wavelengths, rows) on them
