@@ -36,6 +36,7 @@ _DARK = 37.0  # exp(-37) = 1e-16: fainter light changes no digit of a sum
 _OCTAVES = 8.0  # ratio of radii within one panel of a disk so near that light grazes it
 _SCAN = 64  # polar angles at which rims are compared, to find where they cross
 _HALVINGS = 50  # of the interval of a rim: down to the last digit
+_IN_PLANE = 1e-12  # height over the extent of the aperture up to which it is rounding
 _HAIR = 1e-6  # share of a path, at its end, where a facet cuts nothing: rounding of the aperture
 
 
@@ -81,11 +82,11 @@ class _Sight(NamedTuple):
             off = np.sin(0.5 * (theta - self.beta)) ** 2
             inside = math.sin(0.5 * self.dark) ** 2 - off
             beam = inside / (np.sin(theta) * math.sin(self.beta))
-        arcs = []
+        halves = []
         # on the axis every azimuth is the same: all of the circle, or nothing of it
         for squared in (disk, np.where(np.isnan(beam), 1.0, beam)):
-            arcs.append(2.0 * np.arcsin(np.sqrt(np.clip(squared, 0.0, 1.0))))
-        return arcs[0], arcs[1]
+            halves.append(2.0 * np.arcsin(np.sqrt(np.clip(squared, 0.0, 1.0))))
+        return halves[0], halves[1]
 
 
 def straight_gains(
@@ -131,7 +132,7 @@ def straight_gains(
     water = medium if link.direction == "under" else None
     gain, change = math.nan, math.inf
     for n in _NODES:
-        arcs = _arcs(sight, panels, n)
+        arcs = _arcs_inside(sight, panels, n)
         if intersector is not None:
             arcs = _free_arcs(sight, arcs, 2 * n, intersector)
         coarser, gain = gain, _sum_of(sight, arcs, n, emitter, water)
@@ -183,7 +184,8 @@ def _panels(sight: _Sight, target: Target, sharp: bool) -> Floats:
     `sharp` is whether the light ends at its rim: else it has faded there, and no rim crosses it.
     """
     h, inner, outer = sight.height, sight.offset - sight.radius, sight.offset + sight.radius
-    if h <= 0.0:  # the lamp is behind the aperture
+    # the lamp is behind the aperture, or in its plane but for rounding, as beside a telescope
+    if h <= _IN_PLANE * (outer + sight.radius):
         return np.zeros(0)
     low = max(math.atan2(max(inner, 0.0), h), sight.beta - sight.dark)
     view = math.acos(target.cos_half_fov)
@@ -222,7 +224,7 @@ def _rim_crossings(sight: _Sight, panels: Floats) -> Floats:
     return 0.5 * (low + high)
 
 
-def _arcs(sight: _Sight, panels: Floats, n: int) -> _Arcs:
+def _arcs_inside(sight: _Sight, panels: Floats, n: int) -> _Arcs:
     """Return the arcs of directions inside all rims, at n Gauss nodes in each panel."""
     nodes, weights = gauss_legendre(n)
     u = 0.5 * math.pi * (nodes + 1.0)
@@ -280,10 +282,10 @@ def _sum_of(sight: _Sight, arcs: _Arcs, n: int, emitter: Emitter, water: Medium 
     slant = np.sin(theta) * math.sin(sight.beta)
     haversine = np.sin(0.5 * (theta - sight.beta)) ** 2
     haversine = haversine + slant * np.sin(0.5 * (azimuth - sight.turn)) ** 2
-    brightness = _intensity(emitter, haversine)
+    carried = _intensity(emitter, haversine)
     if water is not None:
-        brightness = brightness * np.exp(-_optical_depth(sight, theta, azimuth, water))
-    return float((arcs.weight * np.sin(arcs.theta) * half) @ (brightness @ weights))
+        carried = carried * np.exp(-_optical_depth(sight, theta, azimuth, water))
+    return float((arcs.weight * np.sin(arcs.theta) * half) @ (carried @ weights))
 
 
 def _optical_depth(sight: _Sight, theta: Floats, azimuth: Floats, water: Medium) -> Floats:

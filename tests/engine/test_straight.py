@@ -234,6 +234,22 @@ def test_aslant_on_the_axis(zenith_deg):
     assert gain_of(link)[0] == pytest.approx(expected, rel=1e-8)
 
 
+@pytest.mark.parametrize("aside", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("tilt_deg", [0.0, 20.0, 37.0])
+def test_lamp_in_the_plane_of_the_aperture(aside, tilt_deg):
+    """A laser beside its telescope, or in it, sends nothing straight into it."""
+    receiver = mt.Receiver(height=30.0, radius=0.2, fov_deg=180.0, tilt_deg=tilt_deg)
+    angle = math.radians(tilt_deg)
+    lamp = mt.AirTopHatBeam(
+        height=30.0 + aside * math.sin(angle), position=(aside * math.cos(angle), 0.0),
+        divergence_deg=0.5, tilt_deg=tilt_deg,
+    )  # fmt: skip
+    link = mt.Link(transmitter=lamp, receiver=receiver)
+    assert gain_of(link) == (0.0, 0.0)
+    wide = mt.AirLed(height=lamp.height, position=lamp.position, half_angle_deg=60.0, tilt_deg=90.0)
+    assert gain_of(link.replace(transmitter=wide)) == (0.0, 0.0)
+
+
 def test_points_of_a_source_and_scale():
     """A point aside is a lamp aside; a link of a tenth of the size in water as clear is as bright."""
     lamp = led(30.0)
