@@ -213,7 +213,8 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         if not points:
             return []
         depth = max(points, key=lambda f: f.rms_delay_spread.value).depth
-        there = [f for f in points if f.depth == depth]
+        # a link without a depth of its own has nan, which equals nothing
+        there = [f for f in points if f.depth == depth or math.isnan(depth)]
         spread = there[0].rms_delay_spread
         bits = ", ".join(
             f"{spread.value * f.bit_rate:.2g} bit at {f.bit_rate / 1e6:g} Mbit/s ({_cost(f)})"
