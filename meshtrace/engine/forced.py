@@ -338,10 +338,6 @@ class ForcedDetection:
                 break
         return gains, aimed.relative_error(e, t)
 
-    def whole_gain(self, mesh: TriangleMesh) -> Floats:
-        """Return the gain of each receiver over a mesh."""
-        return self.at_wavelengths(mesh)[0].gain
-
     def unscattered_gain(self, mesh: TriangleMesh) -> Floats:
         """Return the unscattered gain of each receiver over a mesh."""
         return self._chain_gains(self.planner.aim_over(mesh)).by_wavelength()[0].ballistic
@@ -452,9 +448,13 @@ def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
     sea = TypicalSea.of_meshes([mesh])
     planner = Planner(link, case.run.seed, case.meshing.normals, case.threads, sea)
     few = ForcedDetection.following(planner, planner.plan(_CUT_CHAINS, planner.compare()))
-    # the same chains over both: their noise cancels in the difference. Of ends on one side the mesh
-    # cuts off what it mirrors, hardly what the water scatters between them
-    sees = few.unscattered_gain if planner.arrays.reflects else few.whole_gain
-    whole = sees(planner.flat())
-    cut = whole - sees(flat_mesh(low, high))
+    within = flat_mesh(low, high)
+    if planner.arrays.reflects:
+        # the mesh cuts off what it mirrors, hardly what the water scatters between the ends
+        whole = few.unscattered_gain(planner.flat())
+        cut = whole - few.unscattered_gain(within)
+    else:
+        whole = few.at_wavelengths(planner.flat())[0].gain
+        # the same chains over both: their noise cancels in the difference
+        cut = whole - few.at_wavelengths(within)[0].gain
     return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)
