@@ -12,7 +12,6 @@ import numpy as np
 from meshtrace import MeshSource, TriangleMesh
 from meshtrace.apps.predictions import OF_DETECTOR, SCALE, Prediction, Predictor, read_measurements
 from meshtrace.checks import check_call
-from meshtrace.engine.setup.ends import require_change_of_sides
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import Refused, require_keys, require_names, require_pair
 from meshtrace.link import Link
@@ -213,7 +212,7 @@ def infer(
         surface = FlatSea()
     options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
     campaign = campaign_of(link, surface, "infer", options, several=False)
-    require_change_of_sides(campaign.link)
+    campaign.require_change_of_sides()
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]
     variant = Variant(campaign.link, campaign.surface)

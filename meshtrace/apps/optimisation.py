@@ -16,7 +16,6 @@ from meshtrace.apps.candidates import REWEIGHED, Custom, Goal, Objective, Sample
 from meshtrace.checks import ErrorRate, Probability, check_call
 from meshtrace.comms import OokLink
 from meshtrace.comms.ook import Preset
-from meshtrace.engine.setup.ends import require_change_of_sides
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import Described, Refused, require_pair
 from meshtrace.link import Link
@@ -244,7 +243,7 @@ def optimize(
     # quantiles feel the short waves that make light fade; means hardly do
     fading = realizations > 1 and objective in FADES
     campaign = campaign_of(link, surface, "optimize", run, fading=fading, several=False)
-    require_change_of_sides(campaign.link)  # before candidates are evaluated
+    campaign.require_change_of_sides()  # before candidates are evaluated
     flight = campaign.flight(flight)
     if not (isinstance(constraints, list | tuple) and all(map(callable, constraints))):
         raise Refused("constraints", Described(type(constraints).__name__), "functions of the link")

@@ -16,7 +16,7 @@ from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.correlated import FrozenForced, SpectralDetection
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
 from meshtrace.engine.photons.analog import run_analog
-from meshtrace.engine.setup.ends import resolved_reach
+from meshtrace.engine.setup.ends import require_change_of_sides, resolved_reach
 from meshtrace.engine.setup.meshing import FADING_SPACING, mesh_lines, require_cover, surface_config
 from meshtrace.engine.setup.options import (
     Analog,
@@ -257,6 +257,11 @@ class Campaign(NamedTuple):
             resolved_reach(link, estimator) + math.dist(link.origin, joint.origin) for link in links
         )
         return mesh_lines(joint, surface, self.meshing, reach, FADING_SPACING, self.fine_patch)
+
+    def require_change_of_sides(self) -> None:
+        """Refuse links whose ends lie on one side, which photons follow but no chains."""
+        for link in self.links.values():
+            require_change_of_sides(link)
 
     def mesh(
         self,

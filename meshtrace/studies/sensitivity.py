@@ -19,7 +19,6 @@ from meshtrace.checks import ErrorRate, check_call
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.parts import Light
-from meshtrace.engine.setup.ends import require_change_of_sides
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import (
     Described,
@@ -387,7 +386,7 @@ def sensitivities(
     campaign = campaign_of(
         link, surface, "sensitivities", run, fading=fading, several=False, chains=DEFAULT_CHAINS
     )
-    require_change_of_sides(campaign.link)  # before the search of a range
+    campaign.require_change_of_sides()  # before the search of a range
     if realizations > 1 and not isinstance(campaign.surface, SeededSurface):
         kind = getattr(campaign.surface, "kind", type(campaign.surface).__name__)
         raise Refused("realizations", realizations, f"1 over a surface of kind {kind}")

@@ -16,7 +16,6 @@ from meshtrace.apps.designs.page import DAY, PERIODS, BestValue, Design, Period,
 from meshtrace.checks import ErrorRate, Probability, check_call
 from meshtrace.comms.background import filter_shift_nm
 from meshtrace.comms.capacity import capacity, hard_information
-from meshtrace.engine.setup.ends import require_change_of_sides
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import Described, Refused, require_keys
 from meshtrace.link import Link
@@ -112,7 +111,8 @@ def design(
     if not isinstance(scenario, Scenario):
         raise Refused("scenario", Described(type(scenario).__name__), "a Scenario")
     options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
-    require_change_of_sides(scenario.link)
+    # without the waves of fading, which such a link lacks
+    campaign_of(scenario, None, "design", options, several=False).require_change_of_sides()
     campaign = campaign_of(scenario, None, "design", options, fading=True, several=False)
     with campaign.workers():
         return _page(_Study(campaign, outage, limit, realizations), campaign, over)
