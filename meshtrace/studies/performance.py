@@ -278,9 +278,9 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         if not ook.saturation:
             return []
         unlimited = ook.model_copy(update={"saturation": False})
-        for depth in self.depths:
+        for depth, figures in zip(self.depths, self.figures[:: len(self.ooks)], strict=True):
             # counts per second during a 1 bit, without any dead time; levels are (0 bit, 1 bit)
-            level = float(unlimited.levels(self.at(depth).received_power.value)[1])
+            level = float(unlimited.levels(figures.received_power.value)[1])
             # share of them that the dead time of the cells leaves
             passed = float(ook.sipm.saturated_rate(level)) / level
             if passed < 0.5:

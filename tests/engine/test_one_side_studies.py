@@ -65,11 +65,11 @@ def test_what_rests_on_chains_is_refused_in_one_line(link, study):
 @LINKS
 def test_closed_forms_of_fading_are_refused(link):
     assert mt.fading.spectral.band_fading(link, SEA) is None
-    with pytest.raises(Refused, match="^(receiver|transmitter): "):
+    with pytest.raises(Refused, match=r"^(receiver|transmitter): "):
         mt.studies.fading_study(link, mt.surfaces.resolved_sea(5.0), **FEW)
-    with pytest.raises(Refused, match="^waves: "):
+    with pytest.raises(Refused, match=r"^waves: "):
         mt.fading.spectral.resolve_band(link, SEA, "fading")
-    with pytest.raises(Refused, match="^(receiver|transmitter): "):
+    with pytest.raises(Refused, match=r"^(receiver|transmitter): "):
         mt.light_pattern(link, FLAT, step=0.1)
 
 
@@ -183,7 +183,7 @@ def test_performance_of_a_link_without_a_depth_names_none():
     found = mt.link_performance(OVER, SEA, bit_rate=5e6, realizations=2, **FEW)
     assert "nan" not in repr(found)
     assert "nan m" not in found.summary()
-    with pytest.raises(Refused, match="^transmitter: air-led"):
+    with pytest.raises(Refused, match=r"^transmitter: air-led"):
         mt.link_performance(OVER, SEA, depths=[3.0, 5.0], realizations=2, **FEW)
 
 
@@ -191,7 +191,7 @@ def test_aircraft_and_routes_need_an_end_in_the_air():
     flight = mt.Flight(mt.Uav(), mt.Dryden())
     route = mt.Route(times=(0.0, 1.0), positions=((0.0, 0.0), (1.0, 0.0)))
     for moves in ({"flight": flight}, {"route": route}):
-        with pytest.raises(Refused, match="^receiver: water-receiver, allowed: one receiver in"):
+        with pytest.raises(Refused, match=r"^receiver: water-receiver, allowed: one receiver in"):
             mt.time_series(UNDER, SEA, [0.0, 1.0], **moves, **FEW)
     with pytest.raises(Refused, match=r"^receiver\.tilt_deg: 90\.0, allowed: 0: the flight"):
         mt.time_series(OVER, SEA, [0.0, 1.0], flight=flight, **FEW)
