@@ -8,7 +8,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.errors import Refused
-from meshtrace.kernels.tally import DIRECT, MIRRORED
+from meshtrace.kernels import tally
 from meshtrace.scenario import Scenario
 from meshtrace.surfaces import FlatSea, JonswapSea
 
@@ -107,15 +107,15 @@ def test_arrivals_hold_all_light_with_its_times(link):
     assert by_part == pytest.approx(parts, rel=1e-9)
     n = link.water.n if link.direction == "under" else link.n_air
     start, end = np.array(link.transmitter.center), np.array(link.receiver.center)
-    for part, image in ((DIRECT, end), (MIRRORED, end * [1.0, 1.0, -1.0])):
+    for part, image in ((tally.DIRECT, end), (tally.MIRRORED, end * [1.0, 1.0, -1.0])):
         of_part = arrivals.part == part
         mean = np.average(arrivals.time[of_part], weights=arrivals.weight[of_part])
         # paths run by centroids of facets and the centre of the aperture
         assert mean == pytest.approx(n * math.dist(start, image) / SPEED, rel=1e-3)
     if link.direction == "over":
-        assert not arrivals.water_path[arrivals.part == MIRRORED].any()
+        assert not arrivals.water_path[arrivals.part == tally.MIRRORED].any()
     else:
-        assert not arrivals.air_path[arrivals.part == MIRRORED].any()
+        assert not arrivals.air_path[arrivals.part == tally.MIRRORED].any()
 
 
 @LINKS
@@ -125,7 +125,7 @@ def test_unscattered_light_at_wavelengths_is_that_of_single_runs(link):
     results = mt.simulate(link, SEA, wavelengths_nm=at, record=[mt.Arrivals()], **FEW).results
     for nm, result in zip(at, results, strict=True):
         alone = mt.simulate(link.at_wavelength(nm), SEA, **FEW).gain_part[0]
-        for part in (DIRECT, MIRRORED):
+        for part in (tally.DIRECT, tally.MIRRORED):
             assert result.gain_part[0, part] == pytest.approx(alone[part], rel=1e-4)
         assert result.arrivals.weight.sum() == pytest.approx(result.gain, rel=1e-3)
 
@@ -140,7 +140,7 @@ def test_receivers_and_lamps_add_up(link):
     lamps = [mt.simulate(link.replace(transmitter=t), SEA, **FEW) for t in (strong, aside)]
     sum_of_lamps = mt.simulate(link.replace(transmitter=(strong, aside)), SEA, **FEW)
     share = 0.8 * lamps[0].gain_part[0] + 0.2 * lamps[1].gain_part[0]
-    for part in (DIRECT, MIRRORED):
+    for part in (tally.DIRECT, tally.MIRRORED):
         for i, result in enumerate(alone):
             assert both.gain_part[i, part] == pytest.approx(result.gain_part[0, part], rel=1e-4)
         assert sum_of_lamps.gain_part[0, part] == pytest.approx(share[part], rel=1e-4)

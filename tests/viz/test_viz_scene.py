@@ -8,8 +8,8 @@ from matplotlib.colors import to_rgb
 import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import FlatSea, JonswapSea, TiltedPlane
-from meshtrace.viz import export, parts, scenes
-from meshtrace.viz.stage import ROOM, ScenePlotter, round_length, round_range, stage_of
+from meshtrace.viz import ScenePlotter, export, parts, scenes
+from meshtrace.viz.stage import ROOM, round_length, round_range, stage_of
 from meshtrace.viz.style import FATE_COLORS, LED_COLOR
 
 LINK = mt.Link()

@@ -14,8 +14,7 @@ from mc_statistics import ALPHA, sidak
 from scipy import stats
 
 import meshtrace as mt
-from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.chains.aimed import AimedChains
+from meshtrace.engine.chains import aimed
 from meshtrace.engine.setup import ends
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
@@ -28,10 +27,10 @@ FLAT = FlatSea().mesh(extent=60.0, spacing=0.5)
 
 def mirrored(link, mesh, unresolved="none"):
     """Return the light that the surface mirrors, and its stated error."""
-    aimed = AimedChains(ends.forced_link(link), mesh, "vertex", unresolved)
-    assert aimed.blurred == (unresolved == "tilt")
-    gain = float(aimed.direct_light(0, 0)[0])
-    return gain, gain * aimed.relative_error(0, 0)
+    chains = aimed.AimedChains(ends.forced_link(link), mesh, "vertex", unresolved)
+    assert chains.blurred == (unresolved == "tilt")
+    gain = float(chains.direct_light(0, 0)[0])
+    return gain, gain * chains.relative_error(0, 0)
 
 
 def intensity(lamp, cosine):
@@ -80,7 +79,7 @@ def by_points(link, mesh, within, each=4, slopes=(0.0, 0.0), seed=5):
     area = 0.5 * np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
     )
-    intersector, sums = EmbreeIntersector(mesh, 1), []
+    intersector, sums = mt.EmbreeIntersector(mesh, 1), []
     for _ in range(CHUNKS):
         total = 0.0
         for _ in range(each):
@@ -282,7 +281,7 @@ def test_narrow_beam(half_deg, kinds, is_under):
     angle = {"zenith": 30.0} if is_under else {"lean": 30.0}
     link = make(half=half_deg, lamp=kinds[not is_under], **angle)
     start, d = np.array(link.transmitter.center), np.array(link.transmitter.axis)
-    hits = EmbreeIntersector(mesh, 1).intersect(start[None], d[None])
+    hits = mt.EmbreeIntersector(mesh, 1).intersect(start[None], d[None])
     corners = mesh.faces[hits.facet[0]]
     u, v = hits.u[0], hits.v[0]
     n = unit(np.array([1.0 - u - v, u, v]) @ mesh.vertex_normals[corners])
