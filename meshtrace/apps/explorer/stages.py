@@ -289,8 +289,10 @@ def index_of_all(link: Link, sea: SurfaceModel) -> float | None:
 def coverage(state: State, check: Check) -> Iterator[CoverageMap]:
     """Compute the map of the gain in the plane of the receiver; yield a rough, then a fine one."""
     link = state.channel.link
-    # a square as wide as the height from the lowest end of the link to the highest [m]
-    heights = [t.center[2] for t in link.transmitters] + [r.center[2] for r in link.receivers]
+    # a square as wide as the height from the lowest end of the link, or the sea, to the highest [m]
+    heights = (
+        [0.0] + [t.center[2] for t in link.transmitters] + [r.center[2] for r in link.receivers]
+    )
     half = 0.5 * (max(heights) - min(heights))
     for photons in MAP_PHOTONS:
         check()
