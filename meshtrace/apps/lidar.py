@@ -12,14 +12,21 @@ import numpy as np
 from pydantic import Field
 from scipy.ndimage import gaussian_filter1d
 
-from meshtrace import Arrivals, FewSamplesWarning, GainResult, Link, MeshSource, simulate
+from meshtrace import (
+    Arrivals,
+    FewSamplesWarning,
+    GainResult,
+    Link,
+    MeshSource,
+    TriangleMesh,
+    simulate,
+)
 from meshtrace.checks import Positive, check_call
 from meshtrace.engine.setup.options import resolve
 from meshtrace.errors import Described, Refused
-from meshtrace.mesh import SeededSurface, TriangleMesh
+from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
-from meshtrace.results.impulse import SPEED_OF_LIGHT
-from meshtrace.results.tallies import error_of_groups, sums_by_group
+from meshtrace.results.tallies import SPEED_OF_LIGHT, error_of_groups, sums_by_group
 from meshtrace.scenario import Scenario
 from meshtrace.stored import Stored, Variable
 from meshtrace.studies.campaign import realization_seed
