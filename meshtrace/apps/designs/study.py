@@ -416,11 +416,14 @@ class _Study(LinkModel):
 
     def _bit_rate(self, period: Period, scans: list[Scan]) -> float:
         """Return the greatest bit rate that closes [bit s-1] by bisection, to 1 %; nan for none."""
-        # the scan brackets ln(rate), with a margin of 2 % for its interpolation
+        # the scan brackets ln(rate) by its last rate that closes and the next one, as noise and
+        # echoes may leave rates below that do not; margins of 2 % for its interpolation
         scan = next(s for s in scans if (s.choice.key, s.choice.light) == (RATE, period))
-        rates, closing = np.log(scan.values), scan.reserves >= 0.0
-        low = float(rates[closing].max(initial=math.log(_BIT_RATES[0]))) - 0.02
-        high = float(rates[~closing].min(initial=math.log(_BIT_RATES[1]))) + 0.02
+        least, most = np.log(_BIT_RATES)
+        rates = np.log(scan.values)
+        rates = np.concatenate([[min(least, rates[0])], rates, [max(most, rates[-1])]])
+        last = int(np.flatnonzero(scan.reserves >= 0.0).max(initial=-1)) + 1
+        low, high = float(rates[last]) - 0.02, float(rates[last + 1]) + 0.02
         gain = self.quantile(self.link.only_receiver.fov_deg)
 
         def closes(log_rate: float) -> bool:
