@@ -76,6 +76,7 @@ _HOMES = {
     "convergence": "meshtrace.studies.convergence",
     "design": "meshtrace.apps.designs.page",
     "inference": "meshtrace.apps.inference",
+    "lidar": "meshtrace.apps.lidar",
     "optimum": "meshtrace.apps.optimisation",
     "sensitivity": "meshtrace.studies.sensitivity",
     "measured": "meshtrace.apps.measured",

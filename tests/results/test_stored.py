@@ -112,6 +112,15 @@ def results(calm_design):
         "convergence": study,
         **_studies(calm_design),
         "measured": measured.run(["cox-munk"]),
+        "lidar": mt.lidar(
+            mt.Link(
+                water=mt.Water(bottom_depth=3.0, bottom_albedo=0.2),
+                transmitter=mt.AirTopHatBeam(height=20.0, divergence_deg=0.5),
+                receiver=mt.Receiver(height=20.0, fov_deg=2.0),
+            ),
+            FlatSea(),
+            photons=64,
+        ),
         "trace": mt.channel_trace(mt.Link(), FlatSea(), hours=1e-4, rate=10.0, photons=64),
         "fading-convergence": fading_study(mt.Link(), resolved_sea(5.0), [2.0, 3.0, 4.0, 6.0]),
     }

@@ -95,6 +95,15 @@ def sound(scene, calm_design):
                                             mesh=mt.Meshing(spacing=0.5), **few)},
         "plot_channel": {"model": mt.apps.TransformedGaussian.fit(
             np.random.default_rng(1).lognormal(size=400), 0.5)},
+        "plot_lidar": {"result": mt.lidar(
+            mt.Link(
+                water=mt.Water(bottom_depth=3.0, bottom_albedo=0.2),
+                transmitter=mt.AirTopHatBeam(height=20.0, divergence_deg=0.5),
+                receiver=mt.Receiver(height=20.0, fov_deg=2.0),
+            ),
+            FLAT,
+            photons=64,
+        )},
         "plot_trace": {"result": mt.channel_trace(LINK, FLAT, hours=1e-4, rate=10.0, **few)},
         "plot_irradiance": {"series": irradiance},
         "save_irradiance": {"series": irradiance, "path": "irradiance.png"},
