@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,6 +12,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import Field
 from scipy.ndimage import gaussian_filter1d
+from scipy.signal import find_peaks, peak_widths
 
 from meshtrace import (
     Arrivals,
@@ -23,20 +25,28 @@ from meshtrace import (
 )
 from meshtrace.checks import Positive, check_call
 from meshtrace.engine.setup.options import resolve
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_word
+from meshtrace.link.link import spot_radius
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
-from meshtrace.results.tallies import SPEED_OF_LIGHT, error_of_groups, sums_by_group
+from meshtrace.parallel import announce
+from meshtrace.results.tallies import (
+    ONE_SIDE_PARTS,
+    SPEED_OF_LIGHT,
+    ArrivalTally,
+    error_of_groups,
+    sums_by_group,
+)
 from meshtrace.scenario import Scenario
 from meshtrace.stored import Stored, Variable
 from meshtrace.studies.campaign import realization_seed
+from meshtrace.surfaces.waves import angular_frequency
 
-ECHOES = {"surface": 3, "column": 1, "bottom": 4}
-"""Echoes by the last event of their light, as numbers of `ArrivalTally.part`."""
+ECHOES = {"surface": "mirrored", "column": "scattered", "bottom": "bottom"}
+"""Names of the echoes, and of the parts of the light that they consist of."""
 
 _FINE = 16  # samples of a pulse's full width at half maximum, at which depths are read
 _BLANK = 1.5  # pulse widths after the echo of the surface, before which no bottom is looked for
-_GRAVITY = 9.81  # [m s-2], of the dispersion omega^2 = g k of waves in deep water
 _MOST_SAMPLES = 10**6  # at which depths are read: light so late is left out
 _WIDTHS = 6.0  # pulse widths of the waveform beyond the deepest light
 
@@ -52,6 +62,8 @@ class LidarResult(Stored, kind="lidar", title="meshtrace lidar waveform"):
     echo, echo_stderr : ndarray, shape (3, n)
         Received share of the emitted energy in each bin, mean over the seas: surface, column and
         bottom; and its standard error, by seas, or by groups of samples for a single one.
+    energy, energy_stderr : ndarray, shape (3,)
+        The same of each whole echo, also beyond the bins.
     depth : float
         Depth of the bottom [m].
     depth_by_peak, depth_by_centroid : ndarray, shape (seas,)
@@ -65,6 +77,8 @@ class LidarResult(Stored, kind="lidar", title="meshtrace lidar waveform"):
     delay_edges: Annotated[Floats, Variable("bin_edge", name="delay_edges")]
     echo: Annotated[Floats, Variable("echo_of", "bin")]
     echo_stderr: Annotated[Floats, Variable("echo_of", "bin")]
+    energy: Annotated[Floats, Variable("echo_of", name="echo_energy")]
+    energy_stderr: Annotated[Floats, Variable("echo_of", name="echo_energy_stderr")]
     depth: Annotated[float, Variable(name="bottom_depth")]
     depth_by_peak: Annotated[Floats, Variable("sea")]
     depth_by_centroid: Annotated[Floats, Variable("sea")]
@@ -78,6 +92,11 @@ class LidarResult(Stored, kind="lidar", title="meshtrace lidar waveform"):
         ----------
         reading : {"peak", "centroid"}
             Reading of the depth.
+
+        Raises
+        ------
+        Refused
+            If there is no such reading.
         """
         errors = self._errors(reading)
         stderr = float(error_of_groups(errors)) if len(errors) > 1 else math.nan
@@ -89,24 +108,26 @@ class LidarResult(Stored, kind="lidar", title="meshtrace lidar waveform"):
         return float(errors.std(ddof=1)) if len(errors) > 1 else math.nan
 
     def _errors(self, reading: str) -> Floats:
-        depths = self.depth_by_peak if reading == "peak" else self.depth_by_centroid
+        readings = {"peak": self.depth_by_peak, "centroid": self.depth_by_centroid}
+        require_word(reading, readings, "reading")
+        depths = readings[reading]
         return depths[np.isfinite(depths)] - self.depth
 
     def _headline(self) -> str:
-        return f"echo of the bottom {self.echo[2].sum():.3e} from {self.depth:g} m"
+        return f"echo of the bottom {self.energy[2]:.3e} from {self.depth:g} m"
 
     def summary(self) -> str:
         """Return echoes and depths as text for a terminal."""
         seas = len(self.depth_by_peak)
         lines = []
-        for name, energy, stderr in zip(ECHOES, self.echo, self.echo_stderr, strict=True):
-            # bins of one sea are nearly independent: errors add up in quadrature
-            error = math.sqrt(float(stderr @ stderr))
-            text = f"{energy.sum():.4e} +- {error:.1e}" if energy.any() else "none"
+        for name, energy, stderr in zip(ECHOES, self.energy, self.energy_stderr, strict=True):
+            text = f"{energy:.4e} +- {stderr:.1e}" if energy else "none"
             lines.append(f"{'echo of the ' + name:<24}{text}")
         for reading in ("peak", "centroid"):
             bias, error = self.bias(reading)
-            text = f"bias {bias:+.3f} +- {error:.3f} m, scatter {self.scatter(reading):.3f} m"
+            text = "no echo" if math.isnan(bias) else f"error {bias:+.3f} m"
+            if math.isfinite(error):
+                text = f"bias {bias:+.3f} +- {error:.3f} m, scatter {self.scatter(reading):.3f} m"
             lines.append(f"{'depth by ' + reading:<24}{text}")
         lost = seas - len(self._errors("peak"))
         note = f", {lost} without an echo of the bottom" if lost else ""
@@ -114,11 +135,16 @@ class LidarResult(Stored, kind="lidar", title="meshtrace lidar waveform"):
         return "\n".join(lines)
 
 
-def _spot(link: Link) -> float:
-    """Return the radius of the spot of the only lamp on still water, at nadir [m], or 0."""
-    lamp = link.transmitters[0]
-    spread = math.radians(min(getattr(lamp, "spread_deg", 0.0), 60.0))
-    return float(lamp.size + abs(lamp.center[2]) * math.tan(spread))
+def _resolving(sea: Any, spot: float) -> Any:
+    """Return a sea with waves as short as a spot [m], if its waves were left open."""
+    is_open = hasattr(type(sea), "band") and (sea.omega_max, sea.waves) == (None, None)
+    omega = float(angular_frequency(2.0 * math.pi / spot))
+    # a wide lamp averages over the waves that the band of mean gains leaves out
+    return (
+        sea.model_copy(update={"omega_max": omega})
+        if is_open and omega > sea.band.omega_max
+        else sea
+    )
 
 
 class _Clock(NamedTuple):
@@ -153,56 +179,56 @@ class _Clock(NamedTuple):
         return delay / self.per_depth
 
 
-def _delays(result: GainResult, clock: _Clock) -> tuple[Floats, Floats]:
-    """Return the delays after the echo of still water [s] and the weights of all arrivals."""
-    arrivals = result.arrivals
-    assert arrivals is not None  # recorded
-    return arrivals.time - clock.surface, arrivals.weight
+def _arrivals_of(result: GainResult) -> ArrivalTally:
+    """Return the arrivals of a run that recorded them."""
+    if result.arrivals is None:
+        raise Refused("result", Described("no arrivals"), "a run with record=[Arrivals()]")
+    return result.arrivals
 
 
-def _waveform(result: GainResult, delay: Floats, edges: Floats) -> Floats:
-    """Return the energy (echoes, bins, groups) of each group of samples."""
-    arrivals = result.arrivals
-    assert arrivals is not None
-    bins = np.floor((delay - edges[0]) / (edges[1] - edges[0])).astype(int)
-    inside = (bins >= 0) & (bins < len(edges) - 1)
+def _waveform(arrivals: ArrivalTally, delay: Floats, edges: Floats) -> Floats:
+    """Return the energy (echoes, bins, groups) of each group of samples.
+
+    The last bin holds all light outside of the edges.
+    """
+    bins = np.floor((delay - edges[0]) / (edges[1] - edges[0]))
+    bins = np.where((bins >= 0) & (bins < len(edges) - 1), bins, len(edges) - 1).astype(int)
     echoes = []
     for part in ECHOES.values():
-        chosen = inside & (arrivals.part == part)
+        chosen = arrivals.part == ONE_SIDE_PARTS[part]
         group, weight = arrivals.group[chosen], arrivals.weight[chosen]
-        echoes.append(sums_by_group(group, weight, bins[chosen], len(edges) - 1).T)
+        echoes.append(sums_by_group(group, weight, bins[chosen], len(edges)).T)
     return np.stack(echoes)
 
 
-def _read(delay: Floats, weight: Floats, pulse_width: float) -> tuple[float, float]:
+def _read(arrivals: ArrivalTally, delay: Floats, pulse_width: float) -> tuple[float, float]:
     """Return the delays of the peak and of the centroid of the echo of the bottom [s], or nan."""
-    step, blank = pulse_width / _FINE, _BLANK * pulse_width
-    late = delay > 0.0
+    step, mirrored = pulse_width / _FINE, arrivals.part == ONE_SIDE_PARTS["mirrored"]
+    # the waves lift the echo of the surface, and with it the start of that of the column
+    start = (
+        np.average(delay[mirrored], weights=arrivals.weight[mirrored]) if mirrored.any() else 0.0
+    )
+    late = ~mirrored & (delay > 0.0)
     if not late.any():
         return math.nan, math.nan
     # samples of the energy convolved with the pulse, a Gaussian of this standard deviation
-    n = math.ceil((float(delay[late].max()) + _WIDTHS * pulse_width) / step)
-    samples = np.bincount((delay[late] / step).astype(int), weight[late], min(n, _MOST_SAMPLES))
+    n = min(math.ceil((float(delay[late].max()) + _WIDTHS * pulse_width) / step), _MOST_SAMPLES)
+    samples = np.bincount((delay[late] / step).astype(int), arrivals.weight[late], n)[:n]
     sigma = pulse_width / math.sqrt(8.0 * math.log(2.0))
-    received = gaussian_filter1d(samples[:_MOST_SAMPLES], sigma / step, mode="constant")
-    time = step * (np.arange(len(received)) + 0.5)
-    # local maxima: the falling end of the echo of the surface is no echo of its own
-    inner = received[1:-1]
-    maxima = 1 + np.flatnonzero((inner > received[:-2]) & (inner >= received[2:]))
-    maxima = maxima[time[maxima] > blank]
-    if not len(maxima):
+    received = gaussian_filter1d(samples, sigma / step, mode="constant")
+    times = step * (np.arange(n) + 0.5)
+    peaks, properties = find_peaks(received, prominence=0.0)
+    after = times[peaks] > start + _BLANK * pulse_width
+    if not after.any():
         return math.nan, math.nan
-    top = int(maxima[received[maxima].argmax()])
-    low = high = top
-    while low > 0 and received[low - 1] > 0.5 * received[top]:
-        low -= 1
-    while high < len(received) - 1 and received[high + 1] > 0.5 * received[top]:
-        high += 1
-    echo = slice(low, high + 1)
-    centroid = float((time[echo] * received[echo]).sum() / received[echo].sum())
-    # parabola through the highest sample and its neighbours
+    # by prominence: the column is brighter below the surface, but it has no end there
+    top = int(peaks[after][properties["prominences"][after].argmax()])
+    _, _, left, right = peak_widths(received, [top], rel_height=0.5)
+    echo = slice(math.floor(left[0]), math.ceil(right[0]) + 1)
+    centroid = float(np.average(times[echo], weights=received[echo]))
+    # parabola through the logarithms of the highest sample and its neighbours: exact for a Gaussian
     a, b, c = np.log(received[top - 1 : top + 2])
-    return float(time[top] + 0.5 * step * (a - c) / (a - 2.0 * b + c)), centroid
+    return float(times[top] + 0.5 * step * (a - c) / (a - 2.0 * b + c)), centroid
 
 
 @check_call
@@ -248,11 +274,12 @@ def lidar(
 
     Notes
     -----
-    Waves as short as twice the radius of the spot are resolved, unless the link file names its
-    waves; shorter ones are random slopes, drawn anew at each crossing. The delay :math:`\tau`
-    counts from the echo of still water on the axis of the lamp: waves lift it, too. The waveform is
-    convolved with the pulse; its highest local maximum more than 1.5 pulse widths after that echo
-    is that of the bottom, and the centroid is that of the peak above half its height. The depth is
+    Waves as short as the spot of the beam are resolved, unless the sea names its waves; shorter
+    ones are random slopes, drawn anew at each crossing. The delay :math:`\tau` counts from the echo
+    of still water on the axis of the lamp. The echo of the surface is taken off, as by a channel in
+    the infrared. The rest is convolved with the pulse; its most prominent peak more than 1.5 pulse
+    widths after the surface is that of the bottom, and the centroid that of the peak above half of
+    its prominence. For a lamp and a receiver beside each other the depth is
 
     .. math:: D = \frac{c_0 \tau \cos\theta_w}{2 n}
 
@@ -272,20 +299,15 @@ def lidar(
     True
     """
     options: dict[str, Any] = {"photons": photons, "seed": seed, "threads": threads}
-    chosen = {name: value for name, value in options.items() if value is not None}
-    base = link if isinstance(link, Link) else link.link
-    is_open = isinstance(link, Link) or link.meshing.waves is None
-    if is_open and not isinstance(surface, TriangleMesh) and (spot := _spot(base)) > 0.0:
-        # waves down to twice the radius of the spot tilt all of it; shorter ones are random slopes
-        chosen["waves"] = math.sqrt(2.0 * math.pi * _GRAVITY / (2.0 * spot))
-    case = resolve(link, surface, **chosen)
-    link, sea = case.link, case.surface
+    case = resolve(link, surface, **{k: v for k, v in options.items() if v is not None})
+    link = case.link
     if link.direction != "over" or len(link.transmitters) * len(link.receivers) != 1:
         ends = ", ".join(item.kind for _, item in link.items())
         raise Refused("link", Described(ends), "one lamp and one receiver in the air")
     bottom = link.water.bottom_depth
     if bottom is None:
         raise Refused("water.bottom_depth", None, "a depth: the echo of a bottom is looked for")
+    sea = _resolving(case.surface, spot_radius(link.transmitters[0]))
     clock = _Clock.of_link(link)
     # from before the surface, whose waves scatter its echo, to some pulses after the bottom
     longest = clock.delay_of(bottom) + _WIDTHS * pulse_width
@@ -296,39 +318,54 @@ def lidar(
     )
     waveforms, depths = [], []
     several = seas if isinstance(sea, SeededSurface) else 1
+    began = time.perf_counter()
     for i in range(several):
-        # the first sea is that of the link file, photons are other ones over each
+        # the first sea is that of the link file; photons are other ones over each
         seed = realization_seed(case.run.seed, i)
         at = sea.with_seed(seed) if i and isinstance(sea, SeededSurface) else sea
         with warnings.catch_warnings():
-            # of the light between the echoes; the error of the bottom's echo is in the result
+            # of the light between the echoes; the errors of the echoes are in the result
             warnings.simplefilter("ignore", FewSamplesWarning)
+            if several > 1:  # the glint of one sea scatters far more from sea to sea
+                warnings.filterwarnings("ignore", ".*the mesh causes an error")
             result = simulate(
                 link, at, photons=case.run.photons, seed=seed, threads=case.run.threads,
                 mesh=case.meshing, record=[Arrivals()],
             )  # fmt: skip
+        arrivals = _arrivals_of(result)
+        delay = arrivals.time - clock.surface
+        waveforms.append(_waveform(arrivals, delay, edges))
+        depths.append([clock.depth_of(t) for t in _read(arrivals, delay, pulse_width)])
         if not i:
-            first = result.provenance
-        delay, weight = _delays(result, clock)
-        waveforms.append(_waveform(result, delay, edges))
-        depths.append([clock.depth_of(t) for t in _read(delay, weight, pulse_width)])
+            first = result
+        elif i == 1:  # the first one may have compiled
+            announce((several - 2) * (time.perf_counter() - began), f"{several:,} seas")
+        began = time.perf_counter()
         if progress is not None:
             progress(1)
-    # groups of samples of a single sea, or the seas themselves
+    # the seas, or the groups of samples of a single one
     table = np.stack(waveforms)
     groups = table.mean(axis=-1) if several > 1 else np.moveaxis(table[0], -1, 0)
-    echo, stderr = groups.mean(axis=0), error_of_groups(groups)
-    # the echo of still water has no noise: the error of its quadrature is that of the gain
-    quadrature = result.stderrs[0] / max(result.gains[0], 1e-300)
-    stderr = np.where((stderr == 0.0) & (echo > 0.0), quadrature * echo, stderr)
+    # a surface without noise has the error of its quadrature, which is that of the gain
+    quadrature = first.stderrs[0] / max(first.gains[0], 1e-300)
+    echo, echo_stderr = _mean(groups[..., :-1], quadrature)
+    energy, energy_stderr = _mean(groups.sum(axis=-1), quadrature)
     peak, centroid = np.transpose(depths)
     return LidarResult(
         delay_edges=edges,
         echo=echo,
-        echo_stderr=stderr,
+        echo_stderr=echo_stderr,
+        energy=energy,
+        energy_stderr=energy_stderr,
         depth=bottom,
         depth_by_peak=peak,
         depth_by_centroid=centroid,
         pulse_width=pulse_width,
-        provenance=first,
+        provenance=first.provenance,
     )
+
+
+def _mean(groups: Floats, quadrature: float) -> tuple[Floats, Floats]:
+    """Return the mean over groups and its error, the relative one of a quadrature without noise."""
+    mean, stderr = groups.mean(axis=0), error_of_groups(groups)
+    return mean, np.where((stderr == 0.0) & (mean > 0.0), quadrature * mean, stderr)

@@ -142,12 +142,9 @@ class Changes:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyOptions(Changes):
-    """Options of a study of a link: file and its changes, run, and files of the result."""
+class ResultFiles(Changes):
+    """Options that change a link file, and files of the result."""
 
-    link: LinkFile = None
-    store: Annotated[Path | None, value("PATH", _STORE)] = None
-    workers: Annotated[Any, value("N", _WORKERS, parser=parse_workers)] = None
     output: Output = None
     plot: Annotated[Path | None, value("A.PNG", "Draw the result.")] = None
 
@@ -156,16 +153,25 @@ class StudyOptions(Changes):
         console.check_output(self.output, *links)
         console.check_plot(self.plot, *links, self.output)
 
+    def write(self, result: Any, quiet: bool = False) -> None:
+        """Write the result to the files of the options, if any."""
+        console.save(result, self.output, quiet)
+        console.draw(result, self.plot, quiet)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyOptions(ResultFiles):
+    """Options of a study of a link: file and its changes, run, and files of the result."""
+
+    link: LinkFile = None
+    store: Annotated[Path | None, value("PATH", _STORE)] = None
+    workers: Annotated[Any, value("N", _WORKERS, parser=parse_workers)] = None
+
     def compute(self, study: Callable[..., Any], subject: Any, bar: Bar) -> Any:
         """Return the result of a study, behind a progress bar."""
         # None: without a store, and in threads in place of processes
         with bar as (_, advance):
             return study(subject, store=self.store, workers=self.workers, progress=advance)
-
-    def write(self, result: Any, quiet: bool = False) -> None:
-        """Write the result to the files of the options, if any."""
-        console.save(result, self.output, quiet)
-        console.draw(result, self.plot, quiet)
 
     def run(self, study: Callable[..., Any], bar: Bar, subject: Any = None) -> None:
         """Run a study of the link, or of another subject, print its result and write it."""

@@ -15,7 +15,7 @@ from meshtrace.cli import options as opt
 from meshtrace.cli.application import command
 from meshtrace.cli.console import progress
 from meshtrace.cli.options import count, flag, numbers, seas, value
-from meshtrace.errors import Described, Refused, extra, require_word
+from meshtrace.errors import Refused, extra, require_word
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -279,26 +279,25 @@ def irradiance(
 
 @command()
 def lidar(
-    options: opt.StudyOptions,
+    options: opt.ResultFiles,
+    link: Annotated[Path | None, typer.Argument(
+        metavar="[LINK.TOML]", help="Link file; default: an airborne lidar, see above.")] = None,
     seas: Annotated[int, count("Seas of independent phases.", "--seas")] = 16,
-    photons: opt.Chains = 4096,
+    photons: Annotated[int, count("An eighth of the photons over each sea.", "--photons")] = 4096,
     bin_: Annotated[float, value("NS", "Width of the bins of the waveform [ns].", "--bin")] = 1.0,
     pulse: Annotated[float, value("NS", "Full width of the pulse at half maximum [ns].")] = 1.5,
 ) -> None:  # fmt: skip
-    """Print the waveform of a lidar over waves and the depths that it tells, with their bias.
+    """Print the echoes of a lidar over waves, and the bias and scatter of the depth that it reads.
 
-    Without a link file: lamp and telescope of .1 m radius 300 m above a bottom 10 m deep.
+    Without a link file: lamp and telescope of 0.1 m radius 300 m above a bottom 10 m deep.
     """
-    if options.store is not None or options.workers is not None:
-        raise Refused("--store, --workers", Described("given"), "none: each sea takes seconds")
-    scenario = options.scenario(options.link, _AIRBORNE if options.link is None else None)
-    options.check(options.link)
-
-    def study(subject: mt.Scenario, progress: Any, **_: Any) -> mt.LidarResult:
-        return mt.lidar(subject, seas=seas, photons=photons, bin_width=1e-9 * bin_,
-                        pulse_width=1e-9 * pulse, progress=progress)  # fmt: skip
-
-    options.run(study, progress(seas, "over the seas"), scenario)
+    scenario = options.scenario(link, _AIRBORNE if link is None else None)
+    options.check(link)
+    with progress(seas, "over the seas") as (_, advance):
+        result = mt.lidar(scenario, seas=seas, photons=photons, bin_width=1e-9 * bin_,
+                          pulse_width=1e-9 * pulse, progress=advance)  # fmt: skip
+    typer.echo(result.summary())
+    options.write(result)
 
 
 @command()

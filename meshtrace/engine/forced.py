@@ -25,7 +25,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from operator import call
 from typing import Any
 
@@ -44,6 +44,7 @@ from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.options import Case
 from meshtrace.engine.straight import straight_gains
 from meshtrace.errors import Described, Refused
+from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.tally import DIRECT, MIRRORED
 from meshtrace.kernels.tints import Tints
@@ -342,6 +343,14 @@ class ForcedDetection:
         """Return the unscattered gain of each receiver over a mesh."""
         return self._chain_gains(self.planner.aim_over(mesh)).by_wavelength()[0].ballistic
 
+    @cached_property
+    def _media(self) -> list[Medium]:
+        """The water at each wavelength."""
+        links, frame = self.planner.shared.links, self.arrays.frame
+        if len(links) == 1:
+            return [self.arrays.medium]
+        return [frame.medium(ends.expected_water(link, crest=5.0)) for link in links]
+
     def _straight_gains(self, aimed: AimedChains, e: int, t: int) -> tuple[Floats, float]:
         """Return the light (wavelengths, 1 or SHIFTS) straight from an emitter to a target.
 
@@ -352,9 +361,8 @@ class ForcedDetection:
         if link.sizes[e] > 0.0:
             by_shift = self._lamp_points(e)[:, :_FEW_POINTS].tolist()
             points = [[Vec3(*p) for p in shift] for shift in by_shift]
-        gains, errors = np.zeros((len(self.planner.shared.links), len(points))), [0.0]
-        for i, other in enumerate(self.planner.shared.links):
-            medium = link.frame.medium(ends.expected_water(other, crest=5.0))
+        gains, errors = np.zeros((len(self._media), len(points))), [0.0]
+        for i, medium in enumerate(self._media):
             for shift, places in enumerate(points):
                 for place in places:
                     gain, error = straight_gains(link, aimed.intersector, medium, e, t, place)

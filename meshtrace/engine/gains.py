@@ -122,7 +122,7 @@ class Gains:
 
     @property
     def parts(self) -> Floats:
-        """Unscattered, scattered and first reflected gain, shape (N_PARTS, receivers)."""
+        """Gain by part, see `meshtrace.kernels.tally`, shape (N_PARTS, receivers)."""
         return self.groups.mean(axis=-1)
 
     @property

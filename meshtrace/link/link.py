@@ -497,7 +497,7 @@ class Link(Model, frozen=True):
         """
         if self.direction not in SAME_SIDE:
             return math.inf
-        spots = [_spot_radius(t) for t in self.transmitters]
+        spots = [spot_radius(t) for t in self.transmitters]
         if self.direction == "under":
             return max(spots)
         seen = [
@@ -536,7 +536,7 @@ def _mirror_crossing(t: Source, r: Aperture) -> Crossing:
     return Crossing(np.asarray(a + share * (b - a)), lever, r.radius * share)
 
 
-def _spot_radius(t: Source) -> float:
+def spot_radius(t: Source) -> float:
     """Return the radius of the light of a beam on the level surface [m], infinite for a lamp."""
     divergence = getattr(t, "divergence_deg", None)
     if divergence is None:

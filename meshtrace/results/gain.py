@@ -14,10 +14,10 @@ import numpy as np
 from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused
 from meshtrace.fields import attrs
-from meshtrace.kernels.tally import BODY, BOTTOM, DIRECT, MIRRORED, SCATTERED, Fate
+from meshtrace.kernels.tally import Fate
 from meshtrace.models import Floats
 from meshtrace.results.provenance import water_of
-from meshtrace.results.tallies import ArrivalTally, MapTally, Planes, merged_means
+from meshtrace.results.tallies import ONE_SIDE_PARTS, ArrivalTally, MapTally, Planes, merged_means
 from meshtrace.stored import Columns, Elsewhere, Part, Stored, Variable, Variables
 
 if TYPE_CHECKING:
@@ -110,12 +110,6 @@ class ChainCounts(NamedTuple):
 # quadrature the two are hypot(1, 0.5) = 1.12 standard errors, too little more to change a decision.
 _MESH_ERROR_SHOWN = 0.5
 _PER_RECEIVER = Variable("receiver")
-
-
-_SAME_SIDE_PARTS = {
-    "straight": DIRECT, "mirrored": MIRRORED, "scattered": SCATTERED, "bottom": BOTTOM,
-    "bodies": BODY,
-}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -223,7 +217,7 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
         """
         if self.gain_part is not None:
             columns = self.gain_part.T
-            return {name: like(self.gain, columns[k]) for name, k in _SAME_SIDE_PARTS.items()}
+            return {name: like(self.gain, columns[k]) for name, k in ONE_SIDE_PARTS.items()}
         if self.gain_ballistic is None or self.gain_scattered is None:
             return {}
         parts = {"unscattered": self.gain_ballistic, "scattered": self.gain_scattered}

@@ -11,8 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.fields import attrs
+from meshtrace.kernels.tally import BODY, BOTTOM, DIRECT, MIRRORED, SCATTERED
 from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS, Variable, Variables, described, variables_of
+
+ONE_SIDE_PARTS = {
+    "straight": DIRECT,
+    "mirrored": MIRRORED,
+    "scattered": SCATTERED,
+    "bottom": BOTTOM,
+    "bodies": BODY,
+}
+"""Names of the parts of light between ends on one side, and their numbers in `ArrivalTally`."""
 
 if TYPE_CHECKING:
     import pandas as pd

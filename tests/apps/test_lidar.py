@@ -18,7 +18,8 @@ LINK = mt.Link(
 def test_without_scattering_the_echo_is_a_closed_form():
     # (rho / pi) T^2 A exp(-2 a D) / (n H + D)^2, 2 n D / c after the surface
     result = mt.lidar(LINK.replace("water.b", 0.0), FlatSea(), photons=256, bin_width=1e-10)
-    assert result.echo[2].sum() == pytest.approx(8.8075e-10, rel=1e-4)
+    assert result.energy[2] == pytest.approx(8.8075e-10, rel=1e-4)
+    assert result.echo[2].sum() == pytest.approx(result.energy[2], rel=1e-9)
     bright = np.flatnonzero(result.echo[2])
     assert result.delay_edges[bright[0]] <= 88.728e-9 <= result.delay_edges[bright[-1] + 1]
     assert not result.echo[1].any()
@@ -30,11 +31,11 @@ def test_without_scattering_the_echo_is_a_closed_form():
 def test_the_reference_with_scattering():
     # an own code: 5.470(1)e-10, of light joined from the bottom itself
     result = mt.lidar(LINK, FlatSea(), photons=40_000, bin_width=1e-10, seed=1)
-    echo, error = result.echo[2].sum(), math.sqrt((result.echo_stderr[2] ** 2).sum())
+    echo, error = result.energy[2], result.energy_stderr[2]
     # 3.9 standard errors: 1e-4, two-sided
     assert abs(echo - 5.470e-10) < 3.9 * math.hypot(error, 1e-13)
     time = 0.5 * (result.delay_edges[1:] + result.delay_edges[:-1])
-    mean = (time * result.echo[2]).sum() / echo
+    mean = (time * result.echo[2]).sum() / result.echo[2].sum()
     assert mean == pytest.approx(88.741e-9, abs=0.03e-9)
     assert abs(result.bias("centroid")[0]) < 0.01
 
@@ -69,6 +70,44 @@ def test_waves_scatter_the_depth():
     # surface, column and bottom by the part of their arrivals, over a rough sea, too
     assert all(energy.any() for energy in result.echo)
     assert "bias" in result.summary()
+
+
+@pytest.mark.thorough
+def test_the_error_of_an_echo_is_that_of_other_seeds():
+    # over one surface: the groups of samples; the bins of an echo scatter together
+    results = [mt.lidar(LINK, FlatSea(), photons=200, seed=k) for k in range(64)]
+    energy = np.array([result.energy for result in results])
+    stated = np.array([result.energy_stderr for result in results])
+    for k in (1, 2):
+        # 64 seeds know a standard deviation to 9 %, and the stated errors scatter, too
+        assert 0.6 < energy[:, k].std(ddof=1) / np.sqrt((stated[:, k] ** 2).mean()) < 1.6
+
+
+def test_troughs_and_turbid_water_hide_no_bottom():
+    # waves of 10 m/s lift the echo of the surface by metres, and most light is lost on the way
+    sea = JonswapSea(wind_speed=10.0, seed=4)
+    result = mt.lidar(LINK, sea, seas=8, photons=512, seed=4)
+    assert np.isfinite(result.depth_by_peak).all()
+    assert abs(result.depth_by_peak - 10.0).max() < 1.0
+    turbid = LINK.replace("water.b", 0.3)
+    depth = mt.lidar(turbid, FlatSea(), photons=1024, seed=1).depth_by_peak[0]
+    assert depth == pytest.approx(10.0, abs=0.2)
+
+
+def test_waves_are_as_short_as_the_spot_unless_the_sea_names_them():
+    free = mt.lidar(LINK, JonswapSea(wind_speed=5.0), seas=1, photons=64)
+    own = mt.lidar(LINK, JonswapSea(wind_speed=5.0, omega_max=4.0), seas=1, photons=64)
+    surface = free.provenance["surface"], own.provenance["surface"]
+    # a spot of 2.5 times the half-angle: omega^2 = 2 pi g / radius in deep water
+    assert surface[0]["omega_max"] == pytest.approx(math.sqrt(2 * math.pi * 9.81 / 0.375), rel=0.01)
+    assert surface[1]["omega_max"] == 4.0
+
+
+def test_other_readings_are_refused():
+    result = mt.lidar(LINK, FlatSea(), photons=64)
+    with pytest.raises(mt.Refused, match=r"^reading: 'mode', allowed: peak, centroid"):
+        result.bias("mode")
+    assert "nan" not in result.summary()
 
 
 def test_results_load_again(tmp_path):

@@ -293,20 +293,8 @@ class JoinedPhotons:
         often = 1.0
         if link.physics.absorption == "continuous" and link.physics.free_path != "local_c":
             often = max(1.0, _FREQUENT / (b * depth)) if b > 0.0 else 1.0
-        # attenuated by a + b (1 - g): light that is scattered forwards stays in the view
         in_water = link.direction == "under"
-        window = Window(
-            diffuse=False, kappa=a + turned, length=0.0, beyond=0.0, highest=_CLEAR_HIGHEST,
-            bent=0.0, in_water=in_water,
-        )  # fmt: skip
-        # diffusion theory: D = 1 / (3 (a + b (1 - g))), decay (a / D)^(1/2), and an extrapolated
-        # boundary beyond the surface, where the fluence would vanish
-        if turned * depth > _TURBID:
-            diffusion = 1.0 / (3.0 * (a + turned))
-            window = Window(
-                diffuse=True, kappa=math.sqrt(a / diffusion), length=1.0 / (a + turned),
-                beyond=_BOUNDARY * diffusion, highest=_HIGHEST, bent=0.0, in_water=in_water,
-            )  # fmt: skip
+        window = _window(a, turned, turned * depth > _TURBID, in_water)
         # crossings are drawn somewhat wider than slopes of waves and random ones carry them
         spread = _SPREAD * math.sqrt(rough + arrays.mean_square_slope(surface))
         changes_sides = self._same_side is None
@@ -459,6 +447,23 @@ def _remaining_importance(phase: AngleTable, n: float, spread: float) -> float:
     # for small angles a slope s turns refracted light by (n - 1) s, the collision by n theta.
     bend = (n * theta / ((n - 1.0) * spread)) ** 2
     return float((scattered / (1.0 + _BENT * bend)).sum() / scattered.sum())
+
+
+def _window(a: float, turned: float, diffuse: bool, in_water: bool) -> Window:
+    """Return the weight window of water with absorption a and transport coefficient b (1 - g)."""
+    if not diffuse:
+        # attenuated by a + b (1 - g): light that is scattered forwards stays in the view
+        return Window(
+            diffuse=False, kappa=a + turned, length=0.0, beyond=0.0, highest=_CLEAR_HIGHEST,
+            bent=0.0, in_water=in_water,
+        )  # fmt: skip
+    # diffusion theory: D = 1 / (3 (a + b (1 - g))), decay (a / D)^(1/2), and an extrapolated
+    # boundary beyond the surface, where the fluence would vanish
+    diffusion = 1.0 / (3.0 * (a + turned))
+    return Window(
+        diffuse=True, kappa=math.sqrt(a / diffusion), length=1.0 / (a + turned),
+        beyond=_BOUNDARY * diffusion, highest=_HIGHEST, bent=0.0, in_water=in_water,
+    )  # fmt: skip
 
 
 def _way_in_water(link: Link) -> float:
