@@ -15,12 +15,12 @@ import math
 import warnings
 from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.checks import check_call, check_methods
+from meshtrace.checks import Infinite, check_call, check_methods
 from meshtrace.errors import Described, Refused, require_array, require_between
 from meshtrace.mesh import PlaneSurface, require_surface
 from meshtrace.models import Floats, Model
@@ -125,7 +125,7 @@ def gain_autocovariance(
     link: Any,
     surface: Any,
     lags: ArrayLike,
-    omega_max: float | None = None,
+    omega_max: Annotated[float, Infinite()] | None = None,
     heights: bool = False,
 ) -> Floats:
     r"""Compute the autocovariance of the unscattered gain over time, over its squared mean.
@@ -183,6 +183,7 @@ def gain_autocovariance(
         paraxial_lever(link)
         surface = _open_for_fading(link, surface)
         omega_max = surface.band.omega_max
+    require_between(omega_max, 0.0, math.inf, "omega_max", "(]")
     parts = _slopes_seen(link, surface, None if omega_max == math.inf else omega_max)
     return _covariance(*parts, tau.ravel(), heights).reshape(tau.shape)
 

@@ -209,6 +209,17 @@ def test_links_off_the_axis_are_refused(link, field):
     assert refused.value.field == field
 
 
+def test_all_waves_are_those_of_an_infinite_frequency():
+    wide = fading.gain_autocovariance(mt.Link(), SEA, [0.0, 0.1], omega_max=math.inf)
+    # beyond 1000 rad/s no wave is left: shorter than 1.3 mm
+    np.testing.assert_allclose(
+        wide, fading.gain_autocovariance(mt.Link(), SEA, [0.0, 0.1], omega_max=1e3), rtol=1e-2
+    )
+    for wrong in (math.nan, 0.0, -1.0):
+        with pytest.raises(Refused, match=r"^omega_max: "):
+            fading.gain_autocovariance(mt.Link(), SEA, [0.0], omega_max=wrong)
+
+
 def test_bad_arguments_are_refused():
     with pytest.raises(Refused, match="omega_max"):
         fading.scintillation_of_spectrum(mt.Link(), SEA, -1.0)
