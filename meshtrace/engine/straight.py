@@ -53,9 +53,7 @@ class _Sight(NamedTuple):
     """The aperture and the beam, as seen from the lamp."""
 
     start: Floats  # (3,) place of the lamp
-    axes: (
-        Floats  # (3, 3) axis of the aperture, direction to its centre across it, and normal to both
-    )
+    axes: Floats  # (3, 3) axis of the aperture, way to its centre across it, normal to both
     height: float  # h, distance of the lamp from the plane of the aperture
     offset: float  # of the centre of the aperture from the foot of the lamp
     radius: float
