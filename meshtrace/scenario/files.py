@@ -16,7 +16,7 @@ M = TypeVar("M", bound=Model)
 Table = dict[str, Any]
 
 KEYS = tuple(
-    "wind_speed physics whitecaps n_air sea water bubbles transmitter receiver planes detector uav "
+    "wind_speed physics whitecaps n_air sea water bubbles transmitter receiver planes objects detector uav "
     "daylight run".split()
 )
 """Keys at the top of a link file."""
@@ -179,6 +179,17 @@ def located(config: Mapping[str, Any], folder: str | Path) -> Table:
             elif key == "file" and isinstance(value, str):
                 table[key] = str(Path(folder) / value)
     return tables
+
+
+def locate_bodies(tables: Table, folder: str | Path) -> None:
+    """Prepend a folder to the paths of bodies and of their albedos, in place."""
+    objects = tables.get("objects")
+    # one body may be a table [objects], several are tables [[objects]]
+    bodies = objects if isinstance(objects, list) else [objects]
+    places = [(body, key) for body in bodies for key in ("mesh", "albedo")]
+    for table, key in [*places, (tables.get("water"), "bottom")]:
+        if isinstance(table, dict) and isinstance(table.get(key), str):
+            table[key] = str(Path(folder) / table[key])
 
 
 def expand_words(tables: Table) -> None:

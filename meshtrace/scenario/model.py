@@ -193,6 +193,7 @@ class Scenario(Model, frozen=True):
             # bare words (bubbles = "none") and relative paths are resolved here, in a copy: the
             # functions that read the tables see neither
             tables = files.located(config, folder)
+            files.locate_bodies(tables, folder)
             files.expand_words(tables)
             wind_speed = tables.get("wind_speed", parts.DEFAULT_WIND_SPEED)
             allowed = "0 <= wind_speed <= 60 m/s"
@@ -278,6 +279,7 @@ class Scenario(Model, frozen=True):
             "transmitter": files.plain(link.transmitter),
             "receiver": files.plain(link.receiver),
             "planes": files.plain(link.planes),
+            "objects": parts.objects_config(link),
             "detector": parts.detector_config(self.detector, link),
             "uav": files.plain(self.uav),
             "daylight": parts.daylight_config(self.daylight),
