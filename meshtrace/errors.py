@@ -407,7 +407,7 @@ def join_path(path: str, *keys: int | str) -> str:
     """Return a path extended by keys of tables and indices of lists."""
     for key in keys:
         if isinstance(key, int):
-            path += f"[{key}]"
+            path += f"[{show(key)}]"  # a key of a table may be too long to write
         else:
             plain = isinstance(key, str) and re.fullmatch(r"[\w ,-]+", key)
             name = key if plain else show(key)

@@ -89,9 +89,13 @@ class Spectrum(Family, ABC, frozen=True):
             If a frequency is negative or not finite.
         """
 
-    def _raised(self, omega: ArrayLike) -> Floats:
-        """Return checked frequencies [rad s-1], none below `_LOWEST` of the peak, where S is 0."""
-        return np.maximum(finite_array("omega", omega, 0.0), _LOWEST * self.omega_p)
+    def _raised(self, omega: ArrayLike, peak: float | None = None) -> Floats:
+        """Return checked frequencies [rad s-1], none below `_LOWEST` of the peak, where S is 0.
+
+        `peak` is the lowest one [rad s-1] of a spectrum that has several, by default `omega_p`.
+        """
+        lowest = _LOWEST * (self.omega_p if peak is None else peak)
+        return np.maximum(finite_array("omega", omega, 0.0), lowest)
 
 
 class Jonswap(Spectrum, frozen=True):
@@ -539,7 +543,7 @@ class OchiHubble(Spectrum, frozen=True):
 
     def __call__(self, omega: ArrayLike) -> Floats:
         """Return S(omega) [m2 s rad-1]."""
-        first, second = self._parts(self._raised(omega))
+        first, second = self._parts(self._raised(omega, 2.0 * math.pi / max(self.tp)))
         return first + second
 
     def _parts(self, omega: Floats) -> list[Floats]:
@@ -623,7 +627,7 @@ class Torsethaugen(Spectrum, frozen=True):
 
     def __call__(self, omega: ArrayLike) -> Floats:
         """Return S(omega) [m2 s rad-1]."""
-        omega = self._raised(omega)
+        omega = self._raised(omega, 2.0 * math.pi / max(peak.tp for peak in self.peaks))
         density = np.zeros_like(omega)
         for peak in self.peaks:
             # below a tenth of the peak the density has underflowed, and f^-4 would overflow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -325,7 +326,8 @@ def plot_performance(
     if quantity == "ber":
         error_rates(ax, data, performance.limit)
     if len(performance.depths) == 1:
-        ax.set_title(f"depth {performance.depths[0]:g} m", loc="left")
+        if not math.isnan(performance.depths[0]):
+            ax.set_title(f"depth {performance.depths[0]:g} m", loc="left")
     if f"{quantity}_low" in shown:
         seas = performance.provenance["realizations"]
         light_name = verbatim(name_of_light(performance.light))

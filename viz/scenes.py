@@ -210,8 +210,7 @@ def scene(
                 add_paths(plotter, drawn_paths, color=style.path_color)
         if crossing_paths is not None and style.footprint:
             add_footprint(plotter, shown, crossing_paths)
-        # the texts of the receiver stand beside the map, 10 % beyond its edge [m]
-        text_offset = 0.0 if coverage is None else float(1.1 * coverage.x[-1])
+        text_offset = 0.0 if coverage is None else _beside(coverage, link)
         parts.add_receiver(plotter, link, shown, labels=style.labels, aside=text_offset)
         if style.uav:
             parts.add_uav(plotter, link)
@@ -227,6 +226,16 @@ def scene(
     plotter.suppress_rendering = False
     plotter.render()
     return plotter
+
+
+def _beside(coverage: CoverageMap, link: Link) -> float:
+    """Return the distance [m] of texts from receivers that stand beside a map of the gain.
+
+    That is 5 % of the width of the map beyond its edge, counted from the receiver farthest from it.
+    """
+    places = [receiver.position[0] for receiver in link.receivers]
+    edge = coverage.x[-1] + 0.05 * float(np.ptp(coverage.x))
+    return float(edge - min(places, default=0.0))
 
 
 def shown_mesh(
@@ -391,16 +400,20 @@ def _rays(scene: ScenePlotter, paths: PhotonPaths) -> tuple[pv.PolyData, int]:
     start, end = paths.vertex[path, vertex], paths.vertex[path, vertex + 1]
     low, high = stage.ends
     length = np.linalg.norm(end - start, axis=1)
-    # pieces whose box misses the stage are left out before they are cut
-    near = (np.maximum(start, end) > low).all(axis=1) & (np.minimum(start, end) < high).all(axis=1)
-    start, end, length, path, vertex = (a[near] for a in (start, end, length, path, vertex))
+    # each piece is cut where it enters and leaves the stage: shares of its length at which it meets
+    # the sides of the box (the slab method)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sides = np.sort(((low, high) - start[:, None]) / (end - start)[:, None], axis=1)
+    entry, leave = sides[:, 0].max(axis=1).clip(0.0, 1.0), sides[:, 1].min(axis=1).clip(0.0, 1.0)
+    near = entry < leave
+    start, end, length, path, vertex, entry, leave = (
+        a[near] for a in (start, end, length, path, vertex, entry, leave)
+    )
     ends_freely = (vertex == paths.length[path] - 2) & ~paths.received[path]
-    longest = 3.0 * stage.size  # tuned: the rest lies outside the stage
-    drawn_length = np.minimum(length, longest)
-    end = start + (drawn_length / np.maximum(length, 1e-12))[:, None] * (end - start)
-    n = np.ceil(drawn_length / stage.size * _PIECES).astype(int) + 1
-    # n points per ray; fraction 0 to 1 along each, for all rays at once
+    n = np.ceil((leave - entry) * length / stage.size * _PIECES).astype(int) + 1
+    # n points per ray; fraction 0 to 1 of the length of the whole ray, for all rays at once
     fraction = (np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n)) / np.repeat(n - 1, n).clip(1)
+    fraction = np.repeat(entry, n) + fraction * np.repeat(leave - entry, n)
     points = np.repeat(start, n, axis=0) + fraction[:, None] * np.repeat(end - start, n, axis=0)
     pairs = np.column_stack([np.arange(n.sum())[:-1], np.arange(n.sum())[1:]])
     # distance to the nearest side of the stage

@@ -364,12 +364,13 @@ class DepthPlan:
         sizes, lever = wave_sizes(sea, band), ray.lever(depth)
         # displacement of light [m] by the slopes of waves left out: standard deviations along and
         # across the wind
+        missing = sea.unresolved_slopes(sizes.spacing if math.isfinite(sizes.spacing) else 1.0)
+        variances = (0.0, 0.0) if missing is None else missing.vertex
         if band is not None:
-            tilts = np.sqrt(sea.slopes_beyond(band)) * lever  # type: ignore[attr-defined]
-        else:
-            fine = sizes.spacing if math.isfinite(sizes.spacing) else 1.0
-            missing = sea.unresolved_slopes(fine)
-            tilts = lever * np.sqrt((0.0, 0.0) if missing is None else missing.vertex)
+            variances = sea.slopes_beyond(band)  # type: ignore[attr-defined]
+        tilts = lever * np.sqrt(variances)
+        # without slopes left out there are none along the wind
+        self._wind_deg = 0.0 if missing is None else missing.direction_deg
         # depth of the lowest trough and height of the highest crest [m]
         trough = 0.0 if collector.floating else _SLOPES * sizes.height
         # a collector that comes out of the water has no irradiance below it
@@ -445,7 +446,7 @@ class DepthPlan:
         along, across = turned(kx, ky, math.radians(self.ray.day.sun_azimuth_deg))
         sun_axes = self.ray.disk(self.depth)
         sun = _disk(sun_axes[0] * along, sun_axes[1] * across, 1.0)
-        tilt = gaussian(kx, ky, tilts, math.radians(getattr(self.sea, "_slopes_along_deg", 0.0)))
+        tilt = gaussian(kx, ky, tilts, math.radians(self._wind_deg))
         shared = (np.sinc(kx * cell / (2.0 * np.pi)) * np.sinc(ky * cell / (2.0 * np.pi))) ** 2
         blur = disk * sun * tilt / shared
         shares = np.zeros((n, n))  # n is even: n - 1 cells have a middle one, at n // 2 here

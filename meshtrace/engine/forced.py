@@ -338,10 +338,6 @@ class ForcedDetection:
                 break
         return gains, aimed.relative_error(e, t)
 
-    def whole_gain(self, mesh: TriangleMesh) -> Floats:
-        """Return the gain of each receiver over a mesh."""
-        return self.at_wavelengths(mesh)[0].gain
-
     def unscattered_gain(self, mesh: TriangleMesh) -> Floats:
         """Return the unscattered gain of each receiver over a mesh."""
         return self._chain_gains(self.planner.aim_over(mesh)).by_wavelength()[0].ballistic
@@ -397,6 +393,12 @@ class ForcedDetection:
         """Return tables of the arrivals of unscattered light and of chains, by wavelength."""
         tinting, links = self.planner.shared.tinting, self.planner.shared.links
         tables = [list[ArrivalTally]() for _ in links]
+        for e, t in self.arrays.pairs if self.arrays.reflects else []:
+            arrivals = parts.straight_light(self.arrays, e, t)
+            gains, _ = self._straight_gains(aimed, e, t)
+            for table, gain, link in zip(tables, gains, links, strict=True):
+                if gain.any():
+                    table.append(arrivals.table(self.arrays.receiver(e, t), gain.mean(), link))
         for e, t in self.arrays.pairs:
             for arrivals in self._arrivals(aimed, e, t, tinting.tints):
                 # weights are those of the base wavelength, factors (wavelengths, rows) on them
@@ -446,9 +448,13 @@ def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
     sea = TypicalSea.of_meshes([mesh])
     planner = Planner(link, case.run.seed, case.meshing.normals, case.threads, sea)
     few = ForcedDetection.following(planner, planner.plan(_CUT_CHAINS, planner.compare()))
-    # the same chains over both: their noise cancels in the difference. Of ends on one side the mesh
-    # cuts off what it mirrors, hardly what the water scatters between them
-    sees = few.unscattered_gain if planner.arrays.reflects else few.whole_gain
-    whole = sees(planner.flat())
-    cut = whole - sees(flat_mesh(low, high))
+    within = flat_mesh(low, high)
+    if planner.arrays.reflects:
+        # the mesh cuts off what it mirrors, hardly what the water scatters between the ends
+        whole = few.unscattered_gain(planner.flat())
+        cut = whole - few.unscattered_gain(within)
+    else:
+        whole = few.at_wavelengths(planner.flat())[0].gain
+        # the same chains over both: their noise cancels in the difference
+        cut = whole - few.at_wavelengths(within)[0].gain
     return np.divide(cut, whole, out=np.zeros_like(whole), where=whole > 0.0)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from meshtrace.engine.chains.aimed import AimedChains, on_disk
 from meshtrace.engine.chains.sets import Block, ChainSet, Drawing
 from meshtrace.engine.setup.ends import ForcedLink
+from meshtrace.kernels.tally import DIRECT, MIRRORED, SCATTERED
 from meshtrace.kernels.tints import NO_TINTS, Tints
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
@@ -52,6 +53,7 @@ class Light(NamedTuple):
     sample: NDArray[np.int64]  # number of the chain in its set, -1 without one
     log_weights: Floats  # (n, functions): what paths sum up, see `kernels.tints`
     facet: NDArray[np.int64]  # that of unscattered light without random slopes, else -1
+    part: NDArray[np.int64]  # see `kernels.tally`: chains bring no light that is reflected first
 
     def table(self, receiver: int, factor: Floats, link: Link) -> ArrivalTally:
         """Return the table of arrivals at a receiver, with the weights times `factor` (n,)."""
@@ -64,9 +66,7 @@ class Light(NamedTuple):
             angle=self.angle,
             group=self.shift,
             sample=self.sample,
-            # parts are unscattered (0) and scattered (1); chains bring none that is reflected
-            # first
-            part=np.minimum(self.order, 1),
+            part=self.part,
             order=self.order,
         )
 
@@ -105,6 +105,8 @@ def direct_light(
     start = np.array(source.position)
     up, way = crossing - start, np.array(link.targets[target].center) - crossing
     water, air = (unit * np.linalg.norm(part, axis=1) for part in (up, way))
+    if link.reflects:  # both ways lie in one medium
+        water, air = _in_medium(link, water + air)
     angle, lamp = _angles(link, emitter, target, up, way)
     return Light(
         weight=link.share(emitter, target) * gains[nonzero],
@@ -115,9 +117,40 @@ def direct_light(
         lamp=lamp,
         shift=np.full(len(nonzero), shift),
         sample=np.full(len(nonzero), -1),
-        log_weights=aimed.straight_tints(source, crossing, tints),
+        log_weights=aimed.unscattered_tints(source, target, crossing, tints),
         facet=nonzero,
+        part=np.full(len(nonzero), MIRRORED if link.reflects else DIRECT),
     )
+
+
+def straight_light(link: ForcedLink, emitter: int, target: int) -> Light:
+    """Return light straight from an emitter to a target in its medium, along one ray.
+
+    From centre to centre; the weight is the share of the power, without a gain.
+    """
+    way = np.array([link.targets[target].center]) - np.array(link.emitters[emitter].position)
+    water, air = _in_medium(link, link.frame.unit * np.linalg.norm(way, axis=1))
+    angle, lamp = _angles(link, emitter, target, way, way)
+    none, straight = np.array([-1]), np.array([DIRECT])
+    return Light(
+        weight=np.array([link.share(emitter, target)]),
+        order=np.zeros(1, np.int64),
+        water=water,
+        air=air,
+        angle=angle,
+        lamp=lamp,
+        shift=none,
+        sample=none,
+        log_weights=np.zeros((1, 0)),
+        facet=none,
+        part=straight,
+    )
+
+
+def _in_medium(link: ForcedLink, length: Floats) -> tuple[Floats, Floats]:
+    """Return the lengths in water and air of paths in the medium of both ends of a link."""
+    dry = np.zeros_like(length)
+    return (length, dry) if link.direction == "under" else (dry, length)
 
 
 def chain_light(
@@ -150,6 +183,7 @@ def chain_light(
         sample=first + chain,
         log_weights=aimed.chain_tints(emitter, chains, arrivals, tints),
         facet=np.full(len(arrivals), -1),
+        part=np.full(len(arrivals), min(chains.order, SCATTERED)),
     )
 
 

@@ -26,7 +26,7 @@ from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.photons.joined import JoinedPhotons
 from meshtrace.engine.setup import ends
 from meshtrace.engine.setup.tinting import CommonPaths, paths_alone
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Refused
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes
 from meshtrace.models import Floats
@@ -294,8 +294,7 @@ class Planner:
         """
         # light off the bottom needs joined photons, which do not follow published forms of physics
         try:
-            if self.arrays.reflects:
-                raise Refused("link", Described("ends on one side"), "a link that changes sides")
+            self.link.require_change_of_sides()
             ends.require_points(self.link)
             if self.link.water.bottom_depth is not None and not self._photons_follow():
                 depth = self.link.water.bottom_depth

@@ -36,10 +36,11 @@ _DARK = 37.0  # exp(-37) = 1e-16: fainter light changes no digit of a sum
 _OCTAVES = 8.0  # ratio of radii within one panel of a disk so near that light grazes it
 _SCAN = 64  # polar angles at which rims are compared, to find where they cross
 _HALVINGS = 50  # of the interval of a rim: down to the last digit
+_IN_PLANE = 1e-12  # height over the extent of the aperture up to which it is rounding
 _HAIR = 1e-6  # share of a path, at its end, where a facet cuts nothing: rounding of the aperture
 
 
-class _Rows(NamedTuple):
+class _Arcs(NamedTuple):
     """Arcs of directions at polar angles to the axis of the aperture, each (n,) [rad]."""
 
     theta: Floats
@@ -79,13 +80,13 @@ class _Sight(NamedTuple):
             # law of cosines: radius^2 = rho^2 + offset^2 - 2 rho offset cos(Phi)
             disk = (self.radius - beyond) * (self.radius + beyond) / (4.0 * self.offset * rho)
             off = np.sin(0.5 * (theta - self.beta)) ** 2
-            lit = math.sin(0.5 * self.dark) ** 2 - off
-            beam = lit / (np.sin(theta) * math.sin(self.beta))
-        arcs = []
+            inside = math.sin(0.5 * self.dark) ** 2 - off
+            beam = inside / (np.sin(theta) * math.sin(self.beta))
+        halves = []
         # on the axis every azimuth is the same: all of the circle, or nothing of it
         for squared in (disk, np.where(np.isnan(beam), 1.0, beam)):
-            arcs.append(2.0 * np.arcsin(np.sqrt(np.clip(squared, 0.0, 1.0))))
-        return arcs[0], arcs[1]
+            halves.append(2.0 * np.arcsin(np.sqrt(np.clip(squared, 0.0, 1.0))))
+        return halves[0], halves[1]
 
 
 def straight_gains(
@@ -131,10 +132,10 @@ def straight_gains(
     water = medium if link.direction == "under" else None
     gain, change = math.nan, math.inf
     for n in _NODES:
-        rows = _rows(sight, panels, n)
+        arcs = _arcs_inside(sight, panels, n)
         if intersector is not None:
-            rows = _free_rows(sight, rows, 2 * n, intersector)
-        coarser, gain = gain, _sum_of(sight, rows, n, emitter, water)
+            arcs = _free_arcs(sight, arcs, 2 * n, intersector)
+        coarser, gain = gain, _sum_of(sight, arcs, n, emitter, water)
         change = abs(gain - coarser)
         if change <= _ENOUGH * gain:
             break
@@ -183,7 +184,8 @@ def _panels(sight: _Sight, target: Target, sharp: bool) -> Floats:
     `sharp` is whether the light ends at its rim: else it has faded there, and no rim crosses it.
     """
     h, inner, outer = sight.height, sight.offset - sight.radius, sight.offset + sight.radius
-    if h <= 0.0:  # the lamp is behind the aperture
+    # the lamp is behind the aperture, or in its plane but for rounding, as beside a telescope
+    if h <= _IN_PLANE * (outer + sight.radius):
         return np.zeros(0)
     low = max(math.atan2(max(inner, 0.0), h), sight.beta - sight.dark)
     view = math.acos(target.cos_half_fov)
@@ -222,7 +224,7 @@ def _rim_crossings(sight: _Sight, panels: Floats) -> Floats:
     return 0.5 * (low + high)
 
 
-def _rows(sight: _Sight, panels: Floats, n: int) -> _Rows:
+def _arcs_inside(sight: _Sight, panels: Floats, n: int) -> _Arcs:
     """Return the arcs of directions inside all rims, at n Gauss nodes in each panel."""
     nodes, weights = gauss_legendre(n)
     u = 0.5 * math.pi * (nodes + 1.0)
@@ -235,10 +237,10 @@ def _rows(sight: _Sight, panels: Floats, n: int) -> _Rows:
     turns = sight.turn + 2.0 * math.pi * np.arange(-1, 2)[:, None]
     start, end = np.maximum(-disk, turns - beam), np.minimum(disk, turns + beam)
     _, i = inside = np.nonzero(end > start)
-    return _Rows(theta[i], weight[i], start[inside], end[inside])
+    return _Arcs(theta[i], weight[i], start[inside], end[inside])
 
 
-def _free_rows(sight: _Sight, rows: _Rows, n: int, intersector: Intersector) -> _Rows:
+def _free_arcs(sight: _Sight, arcs: _Arcs, n: int, intersector: Intersector) -> _Arcs:
     """Return the parts of arcs that no facet hides: n rays along each, then bisection."""
 
     def is_free(theta: Floats, azimuth: Floats) -> NDArray[np.bool_]:
@@ -247,43 +249,43 @@ def _free_rows(sight: _Sight, rows: _Rows, n: int, intersector: Intersector) -> 
         # distances are in lengths of the way; a miss is infinitely far
         return intersector.intersect(origins, way).distance > 1.0 - _HAIR
 
-    if len(rows.theta) == 0:
-        return rows
-    width = (rows.high - rows.low) / n
-    azimuth = rows.low[:, None] + width[:, None] * (np.arange(n) + 0.5)
-    theta = np.broadcast_to(rows.theta[:, None], azimuth.shape)
+    if len(arcs.theta) == 0:
+        return arcs
+    width = (arcs.high - arcs.low) / n
+    azimuth = arcs.low[:, None] + width[:, None] * (np.arange(n) + 0.5)
+    theta = np.broadcast_to(arcs.theta[:, None], azimuth.shape)
     free = is_free(theta.ravel(), azimuth.ravel()).reshape(azimuth.shape)
     row, k = np.nonzero(free[:, 1:] != free[:, :-1])
     low, high, start = azimuth[row, k], azimuth[row, k + 1], free[row, k]
     # rays of single precision do not tell more than 2^-24 of an arc apart
     for _ in range(_HALVINGS // 2 if len(row) else 0):
         middle = 0.5 * (low + high)
-        before = is_free(rows.theta[row], middle) == start
+        before = is_free(arcs.theta[row], middle) == start
         low, high = np.where(before, middle, low), np.where(before, high, middle)
     edge = 0.5 * (low + high)
     # every free part runs from an end of its arc, or an edge, to the next
     begins, ends = np.full((len(free), n), np.nan), np.full((len(free), n), np.nan)
-    begins[free[:, 0], 0] = rows.low[free[:, 0]]
-    ends[free[:, -1], -1] = rows.high[free[:, -1]]
+    begins[free[:, 0], 0] = arcs.low[free[:, 0]]
+    ends[free[:, -1], -1] = arcs.high[free[:, -1]]
     begins[row[~start], k[~start] + 1] = edge[~start]
     ends[row[start], k[start]] = edge[start]
     i, j = np.nonzero(~np.isnan(begins))
-    return _Rows(rows.theta[i], rows.weight[i], begins[i, j], ends[~np.isnan(ends)])
+    return _Arcs(arcs.theta[i], arcs.weight[i], begins[i, j], ends[~np.isnan(ends)])
 
 
-def _sum_of(sight: _Sight, rows: _Rows, n: int, emitter: Emitter, water: Medium | None) -> float:
+def _sum_of(sight: _Sight, arcs: _Arcs, n: int, emitter: Emitter, water: Medium | None) -> float:
     """Return the light of arcs, with n Gauss nodes along each."""
     nodes, weights = gauss_legendre(n)
-    half = 0.5 * (rows.high - rows.low)
-    theta, azimuth = rows.theta[:, None], (rows.low + half)[:, None] + half[:, None] * nodes
+    half = 0.5 * (arcs.high - arcs.low)
+    theta, azimuth = arcs.theta[:, None], (arcs.low + half)[:, None] + half[:, None] * nodes
     # haversine of the angle to the axis of the beam
     slant = np.sin(theta) * math.sin(sight.beta)
     haversine = np.sin(0.5 * (theta - sight.beta)) ** 2
     haversine = haversine + slant * np.sin(0.5 * (azimuth - sight.turn)) ** 2
-    light = _intensity(emitter, haversine)
+    carried = _intensity(emitter, haversine)
     if water is not None:
-        light = light * np.exp(-_optical_depth(sight, theta, azimuth, water))
-    return float((rows.weight * np.sin(rows.theta) * half) @ (light @ weights))
+        carried = carried * np.exp(-_optical_depth(sight, theta, azimuth, water))
+    return float((arcs.weight * np.sin(arcs.theta) * half) @ (carried @ weights))
 
 
 def _optical_depth(sight: _Sight, theta: Floats, azimuth: Floats, water: Medium) -> Floats:

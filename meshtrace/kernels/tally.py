@@ -196,8 +196,11 @@ def crosses_aperture(apertures, i, flight, fov):
         return -1.0
     if fov == FieldOfView.ANGLE:
         return t if facing >= apertures.cos_half_fov[i] * norm(d) else -1.0
-    # E11: the horizontal distance of the crossing, the start of this path, stands for the angle.
-    reach = r + way.z * apertures.tan_half_fov[i]
+    # E11: the horizontal distance of the crossing, the start of this path, stands for the angle. It
+    # lies below a receiver that looks down, above one that looks up: behind it the cone of view
+    # ends, and the square of a negative radius would open it again.
+    ahead = way.z if axis.z >= 0.0 else -way.z
+    reach = max(r + ahead * apertures.tan_half_fov[i], 0.0)
     return t if way.x * way.x + way.y * way.y < reach * reach else -1.0
 
 

@@ -18,7 +18,7 @@ from meshtrace.link.receivers import (
     WaterAperture,
     WaterReceiver,
 )
-from meshtrace.link.sources import ABOVE, AirLamp, Led, Source, WaterSource
+from meshtrace.link.sources import ABOVE, AirLamp, AirSource, Led, Source, Sun, WaterSource
 from meshtrace.models import FamilyField, FamilyFields, Floats, Model, Position, converted
 from meshtrace.optics.bubbles import BubblePopulation, HallNovarini
 from meshtrace.optics.water import Water
@@ -27,7 +27,6 @@ _TYPICAL = 16.0  # depth plus height of links whose unit of length is the metre 
 _SMALL = 8.0  # meshes are scaled down for links of a unit below 1 m over this number
 _ASIDE = 20.0  # a mesh centred on the origin is fine up to receivers this far aside [m]
 _MOST_CELLS = 160  # of the fine part of the mesh of a link on one side, over its half-width
-_FEW_METRES = 10.0  # depth from which light comes back to the air, if there is no bottom above [m]
 _NEAR = 64.0  # links keep the origin (0, 0) up to this distance from it, over depth plus height
 _LEAST_DISTANCE = 1e-3  # of a source or receiver from still water [m]
 _LEAST_SHARE = 0.1  # the same over the distance of the farthest end, for links of a few millimetres
@@ -42,6 +41,9 @@ Direction = Literal["up", "down", "under", "over", "mixed"]
 
 SAME_SIDE = "under", "over"
 """Directions of links whose ends lie in one medium, with the surface as a mirror."""
+
+FEW_METRES = 10.0
+"""Depth [m] from which light comes back to the air, if there is no bottom above it."""
 
 
 class Footprint(NamedTuple):
@@ -60,6 +62,9 @@ class Crossing(NamedTuple):
     place: Floats  # (x, y) [m]
     lever: float  # displacement of the crossing over the slope that causes it [m]
     seen: float  # radius of the aperture, projected from the source onto still water [m]
+    # corners (x, y) of the square on which daylight starts [m]: none crosses outside
+    low: Floats | float = -math.inf
+    high: Floats | float = math.inf
 
 
 class Link(Model, frozen=True):
@@ -225,6 +230,17 @@ class Link(Model, frozen=True):
         lamps = all(isinstance(t, AirLamp) for t in self.transmitters)
         return ("over" if lamps else "mixed") if air else "down"
 
+    def require_change_of_sides(self) -> None:
+        """Refuse a link whose ends lie on one side of the surface.
+
+        Raises
+        ------
+        Refused
+            If its direction is "under" or "over".
+        """
+        if self.direction in SAME_SIDE:
+            raise Refused("link", Described("ends on one side"), "a link that changes sides")
+
     def mirrored(self) -> Self:
         """Return the link in the other direction: lamp and receiver change places.
 
@@ -249,15 +265,17 @@ class Link(Model, frozen=True):
         lamp, end = self.transmitter, self.receiver
         if self.planes is not None:
             raise Refused("planes", Described("given"), "None for the other direction")
-        up = isinstance(lamp, WaterSource) and type(lamp) in ABOVE and isinstance(end, Receiver)
-        if not up and not (isinstance(lamp, AirLamp) and isinstance(end, WaterReceiver)):
+        lamps: dict[Any, Any] = ABOVE | {air: air for air in ABOVE.values()}
+        from_water = isinstance(lamp, WaterSource)
+        if not isinstance(end, Receiver | WaterReceiver) or type(lamp) not in lamps:
             kinds = ", ".join(item.kind for _, item in self.items()) or "none"
-            allowed = "one LED or beam and one receiver, on either side of the surface"
+            allowed = "one LED or beam and one receiver, in the water or in the air"
             raise Refused("link", Described(kinds), allowed)
-        source: Any = ABOVE if up else {air: water for water, air in ABOVE.items()}
+        if isinstance(end, WaterReceiver):  # the lamp comes to be in the water, as the receiver is
+            lamps = {kind: water for water, air in ABOVE.items() for kind in (water, air)}
         return self.replace(
-            transmitter=_moved(source[type(lamp)], lamp, end),
-            receiver=_moved(WaterReceiver if up else Receiver, end, lamp),
+            transmitter=_moved(lamps[type(lamp)], lamp, end),
+            receiver=_moved(WaterReceiver if from_water else Receiver, end, lamp),
         )
 
     @property
@@ -396,12 +414,20 @@ class Link(Model, frozen=True):
         radius = max((r.radius for r in self.receivers), default=0.0)
         n = self.water.n / self.n_air
         beta = (n - 1.0) * height * depth / (depth + n * height)
+        skies = [t for t in self.transmitters if isinstance(t, AirSource)]
+        under_sky = [-r.center[2] for r in self.receivers if skies and not isinstance(r, Receiver)]
+        beta = max(beta, (n - 1.0) / n * max(under_sky, default=0.0))
         steepest = 2.5  # slope of the waves up to which crossings lie in the fine part
         if self.direction in SAME_SIDE:
             # a slope of 1 turns reflected light by a right angle
-            beta, steepest = max(lever for _, lever, _ in self.crossings()), 1.0
+            beta, steepest = max(crossing.lever for crossing in self.crossings()), 1.0
         center, half_fine, half_ends = self._middle(aside * scale)
-        fine = max(min(steepest * beta, self._widest_light()) + radius + half_fine, scale)
+        fine = min(steepest * beta, self._widest_light()) + radius + half_fine
+        if len(skies) == len(self.transmitters):
+            # the squares as seen from the centre
+            edges = [np.ptp([center, t.position], 0).max() + t.half_width for t in skies]
+            fine = min(fine, float(max(edges)))
+        fine = max(fine, scale)
         # at most ten depths aside, where a ray from the lamp is 84 degrees off the vertical
         reach = 10.0 * depth if low else 50.0
         if self.water.a > 0.0:
@@ -430,26 +456,41 @@ class Link(Model, frozen=True):
         -----
         4.5 standard deviations of the displaced crossing about that of a flat sea, see `crossings`,
         plus the aperture as seen from the source, plus 5 cm, or less for small links.
+
+        Raises
+        ------
+        Refused
+            If no light of the sources crosses the surface on a straight way to a receiver.
         """
+        crossings = self.crossings()
+        if not crossings:
+            allowed = "a receiver on the other side of the surface"
+            raise Refused("receiver", Described("none that light crosses to"), allowed)
         low, high = np.full(2, math.inf), np.full(2, -math.inf)
         margin = 0.05 * min(_SMALL * self.unit, 1.0)
         widest = self._widest_light()
-        for place, lever, seen in self.crossings():
+        for place, lever, seen, least, most in crossings:
             # Gaussian slopes exceed 4.5 standard deviations at 7 in a million places
             reach = min(4.5 * lever * slope, widest) + seen + margin
-            low, high = np.minimum(low, place - reach), np.maximum(high, place + reach)
+            low = np.minimum(low, np.clip(place - reach, least, most))
+            high = np.maximum(high, np.clip(place + reach, least, most))
         middle = 0.5 * (low + high)
-        return (float(middle[0]), float(middle[1])), float(0.5 * (high - low).max())
+        # daylight of a square beside its crossing leaves nothing: the mesh needs some width
+        half = max(float(0.5 * (high - low).max()), margin)
+        return (float(middle[0]), float(middle[1])), half
 
     def crossings(self) -> list[Crossing]:
         """Return where unscattered light crosses a flat sea, from each source to each receiver.
+
+        In links of sources and receivers on either side those on one side have no crossing.
 
         Notes
         -----
         A slope moves the crossing of slanted light farther than that of vertical light
         (`footprint`), by a factor of (1 + 2 tan^2 theta)^(3/2), theta the angle of the straight
-        line between both ends. For ends on one side these are the places where the sea reflects the
-        light, with the factor 1 / cos^2 theta, theta the angle of incidence.
+        line between both ends. For daylight see `_daylight_crossing`. For ends on one side these
+        are the places where the sea reflects the light, with the factor 1 / cos^2 theta, theta the
+        angle of incidence.
         """
         n = self.water.n / self.n_air
         crossings = []
@@ -458,8 +499,14 @@ class Link(Model, frozen=True):
                 if self.direction in SAME_SIDE:
                     crossings.append(_mirror_crossing(t, r))
                     continue
-                low_end, high_end = (r, t) if isinstance(t, AirLamp) else (t, r)
-                depth, height = getattr(low_end, "depth", 1.0), getattr(high_end, "height", 1.0)
+                from_water = isinstance(t, WaterSource)
+                if from_water is not isinstance(r, Receiver):
+                    continue
+                if isinstance(t, AirSource):
+                    crossings.append(_daylight_crossing(t, r, n))
+                    continue
+                low_end, high_end = (t, r) if from_water else (r, t)
+                depth, height = -low_end.center[2], high_end.center[2]
                 # part of the horizontal way that lies in the water; for small angles a metre of
                 # height moves light n times as far aside as a metre of depth
                 share = depth / (depth + n * height)
@@ -474,7 +521,7 @@ class Link(Model, frozen=True):
         """Return the largest distance from a mirror crossing up to which facets are to be fine [m].
 
         Infinite for links that change sides. Of links on one side beams light their spot alone, and
-        light from the water is seen within the view, or within `_FEW_METRES` of its depth.
+        light from the water is seen within the view, or within `FEW_METRES` of its depth.
         """
         if self.direction not in SAME_SIDE:
             return math.inf
@@ -485,7 +532,7 @@ class Link(Model, frozen=True):
             abs(r.center[2]) * math.tan(min(math.radians(r.fov_deg) / 2.0, 1.5))
             for r in self.receivers
         ]
-        return max(*spots, min(max(seen), self.water.bottom_depth or _FEW_METRES))
+        return max(*spots, min(max(seen), self.water.bottom_depth or FEW_METRES))
 
     def _middle(self, most: float) -> tuple[tuple[float, float], float, float]:
         """Return the middle of the fine mesh, and half-widths of what it covers and of all ends.
@@ -498,7 +545,8 @@ class Link(Model, frozen=True):
         far = float(np.abs(places - middle).max())
         if far <= most:
             return (float(middle[0]), float(middle[1])), far, far
-        crossings = np.array([crossing.place for crossing in self.crossings()])
+        # without a crossing the middle is that of the ends
+        crossings = np.array([crossing.place for crossing in self.crossings()] or places)
         middle = 0.5 * (crossings.min(axis=0) + crossings.max(axis=0))
         half = float(np.abs(crossings - middle).max())
         return (float(middle[0]), float(middle[1])), half, float(np.abs(places - middle).max())
@@ -573,3 +621,34 @@ def _crossing(low: Position, high: Position, depth: float, height: float, n: flo
         else:
             most = share
     return np.asarray(a + share * (b - a))
+
+
+def _daylight_crossing(sky: AirSource, end: Aperture, n: float) -> Crossing:
+    r"""Return where light of sun or sky crosses a flat sea to an aperture in the water.
+
+    Notes
+    -----
+    Parallel light at angles :math:`\theta_a` in the air and :math:`\theta_w` in the water stays
+    so: :math:`n \sin(\theta_w - \tau) = \sin(\theta_a - \tau)` on a facet of tilt
+    :math:`\tau`. The crossing :math:`d \tan \theta_w` from a receiver at depth d moves by
+
+    .. math:: \frac{dx}{d\tau} = d \, \frac{n \cos\theta_w - \cos\theta_a}{n \cos^3\theta_w}
+
+    which for vertical light is the limit (n - 1) d / n of `Link.footprint` for h = inf. Skylight
+    crosses anywhere in the view of the receiver, up to the critical angle.
+    """
+    depth, seen, place = -end.center[2], end.radius, np.array(end.position)
+    cosine_air = cosine = 1.0
+    if isinstance(sky, Sun):
+        direction = np.array(sky.axis)
+        cosine_air = -direction[2]
+        # 1e-6: of total reflection by water of a lower index than the air
+        cosine = math.sqrt(max(1.0 - (1.0 - cosine_air**2) / n**2, 1e-6))
+        place = place - depth * direction[:2] / (n * cosine)
+    else:
+        # light at normal incidence travels along `axis`, straight down for a receiver that looks up
+        view = math.acos(max(-end.axis[2], -1.0)) + 0.5 * math.radians(end.fov_deg)
+        seen += depth * math.tan(min(view, math.asin(min(1.0 / n, 1.0))))
+    lever = depth * (n * cosine - cosine_air) / (n * cosine**3)
+    square = np.array(sky.position)
+    return Crossing(place, lever, seen, square - sky.half_width, square + sky.half_width)

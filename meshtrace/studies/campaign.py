@@ -258,6 +258,11 @@ class Campaign(NamedTuple):
         )
         return mesh_lines(joint, surface, self.meshing, reach, FADING_SPACING, self.fine_patch)
 
+    def require_change_of_sides(self) -> None:
+        """Refuse links whose ends lie on one side, which photons follow but no chains."""
+        for link in self.links.values():
+            link.require_change_of_sides()
+
     def mesh(
         self,
         links: Sequence[Link],

@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import partial, reduce
 from typing import Annotated, Any, ClassVar, NamedTuple, Unpack
 
 import numpy as np
@@ -78,6 +78,7 @@ class Comparison(Stored, kind="comparison", title="meshtrace comparison of links
         names: tuple[str, ...],
         samples: Annotated[Floats, Shape("links n")],
         provenance: list[dict[str, Any]],
+        shifts: Annotated[Floats | None, Shape("links n")] = None,
     ) -> Comparison:
         r"""Return the comparison of paired gains.
 
@@ -89,6 +90,9 @@ class Comparison(Stored, kind="comparison", title="meshtrace comparison of links
             Gains of n independent groups or seas, each common to all links.
         provenance : list of dict
             Configuration of each link.
+        shifts : ndarray, shape (links, n), optional
+            Gains averaged over all seas, by group of the chains or photons that these have in
+            common: a second, independent source of error.
 
         Notes
         -----
@@ -98,16 +102,29 @@ class Comparison(Stored, kind="comparison", title="meshtrace comparison of links
         if not len(names) == len(samples) > 0:
             names_of_links = Described(f"{len(names)} names of {len(samples)} links")
             raise Refused("names, samples", names_of_links, "a name for each link, one or more")
-        gain, first = samples.mean(axis=1), samples[0]
+        gain = samples.mean(axis=1)
+
+        def error(factor: Floats) -> Floats:
+            """Return the errors of the gains less a factor (links,) of the first gain."""
+            groups = [samples] if shifts is None else [samples, shifts]
+            errors = (error_of_groups(x - factor[:, None] * x[0], axis=1) for x in groups)
+            return np.asarray(reduce(np.hypot, errors))
+
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = gain / gain[0]
             # delta method: h_0 cancels what both gains share
-            relative = error_of_groups(samples - ratio[:, None] * first, axis=1) / gain
+            relative = error(ratio) / gain
             ratio_db = 10.0 * np.log10(ratio)
         return cls(
-            names, gain, error_of_groups(samples, axis=1), gain - gain[0],
-            error_of_groups(samples - first, axis=1), ratio_db, _DECIBEL * relative, provenance,
-        )  # fmt: skip
+            names,
+            gain,
+            error(np.zeros_like(gain)),
+            gain - gain[0],
+            error(np.ones_like(gain)),
+            ratio_db,
+            _DECIBEL * relative,
+            provenance,
+        )
 
     @property
     def lights(self) -> tuple[str, ...]:
@@ -194,7 +211,7 @@ def compare(
     -----
     The links share the numbers of their chains and, over equal seas, one mesh: errors common to
     both links cancel in the difference. For one sea its error comes from the 32 randomizations of
-    the chains, for several from the scatter over the seas.
+    the chains, for several from these and from the scatter over the seas.
 
     Bit error rates are those of the receiver of each scenario ("physical" without one), averaged
     over the seas, with the mean background of them. For several seas the mesh then
@@ -218,39 +235,47 @@ def compare(
         except Refused as error:
             raise error.inside("links", str(name)) from None
         each[str(name)] = resolved.for_link(resolved.link, str(name))
-    samples = _samples(each, realizations)
+    groups = _gains(each, realizations)  # (links, seas, shifts)
+    over_seas, over_shifts = groups.mean(axis=2), groups.mean(axis=1)
+    several = realizations > 1
     days = [light_of(campaign, daylight) for campaign in each.values()]
     origin = [
         campaign.provenance(of_study={"realizations": realizations})
         | {"daylight": day and day.model_dump(mode="json")}
         for campaign, day in zip(each.values(), days, strict=True)
     ]
-    made = Comparison.of_samples(tuple(each), samples, origin)
-    return _under_light(made, list(each.values()), days, samples, realizations)
+    made = Comparison.of_samples(
+        tuple(each), over_seas if several else over_shifts, origin, over_shifts if several else None
+    )
+    return _under_light(made, list(each.values()), days, groups, realizations)
 
 
 def _under_light(
     result: Comparison,
     campaigns: list[Campaign],
     days: list[Daylight | None],
-    samples: Floats,
+    groups: Floats,
     realizations: int,
 ) -> Comparison:
-    """Add background and bit error rate of each link to a comparison, if any has daylight."""
+    """Add background and bit error rate of each link to a comparison, if any has daylight.
+
+    `groups` are the gains (links, seas, shifts).
+    """
     if not any(days):
         return result
     table = []
-    errors = result.gain_stderr.tolist()
-    for campaign, day, gains, stderr in zip(campaigns, days, samples, errors, strict=True):
+    # what all seas have in common; `error_rate` adds their spread
+    errors = error_of_groups(groups.mean(axis=1), axis=1).tolist()
+    for campaign, day, gains, error in zip(
+        campaigns, days, groups.mean(axis=2), errors, strict=True
+    ):
         base = campaign.scenario.detector if campaign.scenario is not None else None
         ook = through_channel(transmission_of(campaign.link, base), campaign, realizations)
         background = background_over_seas(campaign, day, realizations) if day else None
         if background is not None:
             warn_of_background(with_background(ook, background), background)
-        several = realizations > 1  # their spread holds the errors of the gains
-        at, error = (gains, 0.0) if several else (gains.mean(keepdims=True), stderr)
         radiance = (background.radiance, background.radiance_stderr) if background else (0.0, 0.0)
-        table.append([*radiance, *error_rate(ook, at, error, background)])
+        table.append([*radiance, *error_rate(ook, gains, error, background)])
     radiance_of, radiance_stderr, ber, ber_stderr = np.array(table).T
     return replace(
         result, background_radiance=radiance_of, background_radiance_stderr=radiance_stderr,
@@ -258,8 +283,8 @@ def _under_light(
     )  # fmt: skip
 
 
-def _samples(each: dict[str, Campaign], realizations: int) -> Floats:
-    """Return the gains of the links by group of chains over one sea, or by sea over several.
+def _gains(each: dict[str, Campaign], realizations: int) -> Floats:
+    """Return the gains of the links over each sea by group of chains, (links, seas, shifts).
 
     Links over equal seas, with equal chains, have common meshes.
     """
@@ -274,8 +299,7 @@ def _samples(each: dict[str, Campaign], realizations: int) -> Floats:
         still = campaign.in_time(np.array([campaign.meshing.time]))
         steps = campaign.realizations(realizations) if realizations > 1 else still
         tick = campaign.progress and partial(_of_each, campaign.progress, len(campaign.links))
-        gain = campaign._replace(progress=tick).gains(steps)[0, :, :, 0]
-        table.append(gain.mean(axis=-1) if realizations > 1 else gain[:, 0])
+        table.append(campaign._replace(progress=tick).gains(steps)[0, :, :, 0])
     return np.concatenate(table)
 
 

@@ -33,6 +33,7 @@ from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths, clearest, phot
 from meshtrace.errors import Described, Refused, require_between, require_finite
 from meshtrace.kernels.tints import ALONE
 from meshtrace.link import Link, Receiver, WaterReceiver
+from meshtrace.link.link import SAME_SIDE
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import one_blas_thread
@@ -89,7 +90,8 @@ def coverage_map(
 
     Analog photons make the map: every photon that leaves the sea, or goes down, passes the plane
     somewhere, so that a single run maps it all. With `rtol` they carry only scattered and reflected
-    light, or chains carry that, see Notes.
+    light, or chains carry that, see Notes. Between ends on one side a tilted receiver is refused in
+    the plane of a lamp, whose straight light does not cross it.
 
     Parameters
     ----------
@@ -172,6 +174,7 @@ def coverage_map(
     receiver = next((r for r in case.link.receivers if isinstance(r, kinds)), None)
     if receiver is None:
         raise Refused("receiver", Described("no receiver"), "a Receiver or a WaterReceiver")
+    _require_off_plane(case.link, receiver, step)
     if rtol is not None:
         require_between(rtol, 0.0, math.inf, "rtol", "()", "a finite number > 0")
     instants = case.meshing.time if times is None else times
@@ -201,6 +204,22 @@ def coverage_map(
         coverage.provenance.update(case.origin)
     results = tuple(maps[i] for i in range(len(links)))
     return ByWavelength(np.array(wavelengths), results) if wavelengths else results[0]
+
+
+def _require_off_plane(link: Link, receiver: Receiver | WaterReceiver, step: float) -> None:
+    """Refuse a tilted receiver in the plane of a lamp, whose straight light never crosses it.
+
+    Photons count by cos(theta) / |cos(zenith)| where they cross the plane: light along the plane is
+    not seen.
+    """
+    sine = math.hypot(*receiver.axis[:2])
+    if link.direction not in SAME_SIDE or sine < 1e-9:  # rounding of a tilt of 180 degrees
+        return
+    level = receiver.center[2]
+    if any(abs(lamp.center[2] - level) < step for lamp in link.transmitters):
+        end = "depth" if level < 0.0 else "height"
+        allowed = f"{step:g} m (the step) or more from the level of every lamp, or no tilt"
+        raise Refused(f"receiver.{end}", abs(level), allowed)
 
 
 class _Mapped(Restored):

@@ -89,7 +89,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         first, count = self.figures[0], len(self.figures)
         where = f"{first.bit_rate / 1e6:g} Mbit/s, {name_of_light(self.light)}"
         return (
-            f"BER {_ratio(first.ber.value, 3)} at {first.depth:g} m, {where}; "
+            f"BER {_ratio(first.ber.value, 3)}{_at(first.depth)}, {where}; "
             f"{count} point{'s' * (count > 1)}"
         )
 
@@ -195,7 +195,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
             f"{words.get(f.widest_filter_nm, f'{f.widest_filter_nm:.3g} nm')}"
             for f in first
         )
-        return [f"widest filter for BER {self.limit:g} at {first[0].depth:g} m: {texts}"]
+        return [f"widest filter for BER {self.limit:g}{_at(first[0].depth)}: {texts}"]
 
     @property
     def _least_ber(self) -> float:
@@ -213,7 +213,8 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         if not points:
             return []
         depth = max(points, key=lambda f: f.rms_delay_spread.value).depth
-        there = [f for f in points if f.depth == depth]
+        # a link without a depth of its own has nan, which equals nothing
+        there = [f for f in points if f.depth == depth or math.isnan(depth)]
         spread = there[0].rms_delay_spread
         bits = ", ".join(
             f"{spread.value * f.bit_rate:.2g} bit at {f.bit_rate / 1e6:g} Mbit/s ({_cost(f)})"
@@ -222,7 +223,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         up_to = "up to " if len(self.depths) > 1 else ""
         return [
             f"rms delay spread of the channel {up_to}{1e9 * spread.value:.3g} ns "
-            f"({1e9 * spread.low:.3g}..{1e9 * spread.high:.3g}) at {depth:g} m: {bits}"
+            f"({1e9 * spread.low:.3g}..{1e9 * spread.high:.3g}){_at(depth)}: {bits}"
         ]
 
     @property
@@ -266,7 +267,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
             return [water]
         return [
             water,
-            f"{self.depths[0]:g} m: scintillation index of unscattered light "
+            f"{_named(self.depths[0])}scintillation index of unscattered light "
             f"{closed['index_of_band']:.3g} up to {closed['omega_max']:.3g} rad/s, "
             f"{closed['index_of_all']:.3g} with all waves (closed form)",
         ]
@@ -277,15 +278,15 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         if not ook.saturation:
             return []
         unlimited = ook.model_copy(update={"saturation": False})
-        for depth in self.depths:
+        for depth, figures in zip(self.depths, self.figures[:: len(self.ooks)], strict=True):
             # counts per second during a 1 bit, without any dead time; levels are (0 bit, 1 bit)
-            level = float(unlimited.levels(self.at(depth).received_power.value)[1])
+            level = float(unlimited.levels(figures.received_power.value)[1])
             # share of them that the dead time of the cells leaves
             passed = float(ook.sipm.saturated_rate(level)) / level
             if passed < 0.5:
                 lines.append(
-                    f"{depth:g} m: the SiPM saturates and passes on {100.0 * passed:.2g} % of the "
-                    f"counts of a one, at {ook.sipm.bias_current(level):.2g} A: attenuate"
+                    f"{_named(depth)}the SiPM saturates and passes on {100.0 * passed:.2g} % of "
+                    f"the counts of a one, at {ook.sipm.bias_current(level):.2g} A: attenuate"
                 )
         return lines
 
@@ -322,6 +323,16 @@ def _index(name: str, values: tuple[float, ...], wanted: float | None) -> int:
     return values.index(wanted)
 
 
+def _at(depth: float) -> str:
+    """Return " at 5 m"; nothing for a link without a depth of its own, see `Link.depth`."""
+    return "" if math.isnan(depth) else f" at {depth:g} m"
+
+
+def _named(depth: float) -> str:
+    """Return "5 m: ", which begins a line about a depth; nothing as for `_at`."""
+    return "" if math.isnan(depth) else f"{depth:g} m: "
+
+
 def _ratio(ber: float, digits: int = 2) -> str:
     """Return a bit error rate as text, with a floor for the smallest ones."""
     return f"{ber:.{digits}e}" if ber >= _FLOOR else f"< {_FLOOR:g}"
@@ -332,8 +343,9 @@ def _figures_line(f: OperatingPoint) -> str:
     power = 10.0 * math.log10(max(f.received_power.value, 1e-300) / 1e-3)  # [dBm]
     above_floor = f.ber.high >= _FLOOR
     interval = f"{_ratio(f.ber.low)}..{_ratio(f.ber.high)}" if above_floor else _ratio(f.ber.high)
+    depth = "-" if math.isnan(f.depth) else f"{f.depth:g} m"
     return (
-        f"{f.depth:>5g} m{f.bit_rate / 1e6:>8g}{power:>10.2f}{f.margin_optical_db.value:>19.2f}"
+        f"{depth:>7}{f.bit_rate / 1e6:>8g}{power:>10.2f}{f.margin_optical_db.value:>19.2f}"
         f"{f.margin_electrical_db.value:>12.2f}{_ratio(f.ber.value, 3):>13}{interval:>22}"
         f"{f.outage.value:>9.2g}{f.photons_per_bit.value:>13.4g}{f.capacity.hard / 1e6:>15.4g}"
         f"{f.capacity.soft / 1e6:>13.4g}"
@@ -616,7 +628,7 @@ def _exposed(
     text = described(exposed[0], background)
     # a receiver in the water sees another background at each depth
     if link.direction == "down" and len(backgrounds) > 1:
-        text += f", at {depth:g} m"
+        text += f",{_at(depth)}"
     return exposed, text
 
 

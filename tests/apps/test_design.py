@@ -4,6 +4,7 @@ import math
 import re
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from mc_statistics import ALPHA, z_test
 from scipy.stats import binom
 
 import meshtrace as mt
+from meshtrace.apps.designs import study
 from meshtrace.apps.designs.model import LinkModel, MeanGains, log_quantile
+from meshtrace.apps.designs.page import BestValue
 from meshtrace.errors import Refused
 from meshtrace.fading import gamma_gamma
 from meshtrace.studies.campaign import campaign_of
@@ -217,6 +220,39 @@ def test_a_bit_rate_carries_the_most_after_hard_decisions(calm):
     told = re.search(r"(\S+) Mbit/s after hard decisions", best.note)
     assert told is not None
     assert float(told[1]) == pytest.approx(carried[1] / 1e6, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("closing", "greatest"),
+    [("110011100", 6.4), ("111111110", 7.4), ("111111111", 8.0), ("000000000", None)],
+)
+def test_the_greatest_bit_rate_is_found_where_lower_ones_do_not_close(closing, greatest):
+    """To 1 %, also beyond a gap, at the end of a scan above 1 Gbit/s, and without any."""
+    rates, edge = np.exp(np.arange(9.0) + 13.0), math.exp(13.0 + (greatest or -20.0))
+    reserves = np.where(np.array(list(closing)) == "1", 1.0, -1.0)
+    choice = BestValue("night", study.RATE, "bit s-1", rates[0], rates[0], 0.0, 0.0,
+                       (rates[0], rates[0]), "")  # fmt: skip
+    link = mt.Link()
+    fake = SimpleNamespace(
+        link=link,
+        limit=1e-3,
+        quantile=lambda fov_deg: 0.0,
+        window_at=lambda period, rate: 0.0,
+        at_rate=lambda period, rate, window: SimpleNamespace(
+            rate=rate, required_power=lambda limit: 0.0
+        ),
+        margin_db=lambda gain, ook, power: 1.0 if ook.rate <= edge else -1.0,
+    )
+    found = study._Study._bit_rate(fake, "night", [study.Scan(choice, rates, reserves)])
+    if greatest is None:
+        assert math.isnan(found)
+    else:
+        assert found == pytest.approx(edge, rel=0.011)
+
+
+def test_reserves_are_of_the_night_or_the_day(calm):
+    with pytest.raises(Refused, match=r"^light: 'noon', allowed: "):
+        calm.reserve_together("noon")
 
 
 SPECTRUM = """

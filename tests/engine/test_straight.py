@@ -10,10 +10,9 @@ import pytest
 from scipy import integrate
 
 import meshtrace as mt
-from meshtrace.engine.bvh import EmbreeIntersector
+from meshtrace.engine import straight
 from meshtrace.engine.setup import ends
-from meshtrace.engine.straight import straight_gains
-from meshtrace.kernels.vectors import Vec3
+from meshtrace.kernels import vectors
 from meshtrace.mesh import TriangleMesh
 
 CLEAR = mt.Water(a=0.114, b=0.037, n=1.33)
@@ -50,8 +49,8 @@ def gaussian(divergence_deg, azimuth_deg=0.0):
 def gain_of(link, mesh=None, at=None):
     """Return gain and relative error of the only pair of a link."""
     forced = ends.forced_link(link)
-    surface = None if mesh is None else EmbreeIntersector(forced.frame.mesh(mesh), 1)
-    return straight_gains(forced, surface, forced.medium, 0, 0, at)
+    surface = None if mesh is None else mt.EmbreeIntersector(forced.frame.mesh(mesh), 1)
+    return straight.straight_gains(forced, surface, forced.medium, 0, 0, at)
 
 
 def over_disk(link, radius, intensity):
@@ -234,12 +233,28 @@ def test_aslant_on_the_axis(zenith_deg):
     assert gain_of(link)[0] == pytest.approx(expected, rel=1e-8)
 
 
+@pytest.mark.parametrize("aside", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("tilt_deg", [0.0, 20.0, 37.0])
+def test_lamp_in_the_plane_of_the_aperture(aside, tilt_deg):
+    """A laser beside its telescope, or in it, sends nothing straight into it."""
+    receiver = mt.Receiver(height=30.0, radius=0.2, fov_deg=180.0, tilt_deg=tilt_deg)
+    angle = math.radians(tilt_deg)
+    lamp = mt.AirTopHatBeam(
+        height=30.0 + aside * math.sin(angle), position=(aside * math.cos(angle), 0.0),
+        divergence_deg=0.5, tilt_deg=tilt_deg,
+    )  # fmt: skip
+    link = mt.Link(transmitter=lamp, receiver=receiver)
+    assert gain_of(link) == (0.0, 0.0)
+    wide = mt.AirLed(height=lamp.height, position=lamp.position, half_angle_deg=60.0, tilt_deg=90.0)
+    assert gain_of(link.replace(transmitter=wide)) == (0.0, 0.0)
+
+
 def test_points_of_a_source_and_scale():
     """A point aside is a lamp aside; a link of a tenth of the size in water as clear is as bright."""
     lamp = led(30.0)
     link, moved = ahead(lamp, 4.0, 0.2), ahead(lamp.replace(position=(0.0, 0.3)), 4.0, 0.2)
     frame = ends.forced_link(link).frame
-    point = Vec3(*frame.points(np.array([0.0, 0.3, -50.0])).tolist())
+    point = vectors.Vec3(*frame.points(np.array([0.0, 0.3, -50.0])).tolist())
     assert gain_of(link, at=point)[0] == pytest.approx(gain_of(moved)[0], rel=1e-9)
     small = ahead(
         led(30.0, depth=0.5), 0.04, 0.002, depth=0.5, water=mt.Water(a=11.4, b=3.7, n=1.33)

@@ -237,6 +237,33 @@ def test_printed_field_of_view_tests_the_crossing():
     assert (paper & ~angle).any()
 
 
+def test_printed_field_of_view_of_a_receiver_that_looks_up_is_the_mirror_image():
+    rng = np.random.default_rng(4)
+    n = 100_000
+    crossing = np.column_stack([rng.uniform(-5, 5, (n, 2)), rng.uniform(-0.5, 0.5, n)])
+    on_disk = np.column_stack([rng.uniform(-0.5, 0.5, (n, 2)), np.full(n, 5.0)])
+    seen = []
+    for sign, kind in ((1.0, mt.Receiver(height=5.0)), (-1.0, mt.WaterReceiver(depth=5.0))):
+        receiver = kind.replace(radius=0.5, fov_deg=60.0)
+        apertures = arrays.aperture_arrays(mt.Link(receiver=receiver))
+        mirror = np.array([1.0, 1.0, sign])
+        o, d = crossing * mirror, (on_disk - crossing) * mirror
+        args = (apertures, 0, o, d, math.inf, FieldOfView.PAPER_POSITION)
+        seen.append(distances(*args) > 0.0)
+    np.testing.assert_array_equal(*seen)
+    assert 0.2 < seen[0].mean() < 0.8
+
+
+def test_printed_field_of_view_ends_behind_the_receiver():
+    """Light that starts above a tilted receiver has passed its cone: r + (h - z_p) tan < 0."""
+    receiver = mt.Receiver(height=5.0, radius=0.05, fov_deg=170.0, tilt_deg=80.0)
+    apertures = arrays.aperture_arrays(mt.Link(receiver=receiver))
+    start = np.array([[1.0, 0.0, 4.7], [1.0, 0.0, 5.3]])
+    way = np.array([0.0, 0.0, 5.0]) - start
+    seen = distances(apertures, 0, start, way, math.inf, FieldOfView.PAPER_POSITION)
+    assert seen.tolist() == [1.0, -1.0]
+
+
 def test_score_is_weight_times_absorption_up_to_the_disk():
     link = mt.Link(receiver=mt.WaterAperture(depth=2.0, radius=1.0))
     tallies = tallies_of(rows=2, arrivals=2)

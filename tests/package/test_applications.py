@@ -57,6 +57,29 @@ def test_applications_import_public_names(path):
     assert list(hidden_imports(path.read_text("utf-8"), allowed)) == []
 
 
+def private_attributes(text):
+    """Yield attributes with a leading underscore of objects other than `self` and `cls`."""
+    public = {"_replace", "_asdict", "_fields"}  # of a NamedTuple
+    for node in ast.walk(ast.parse(text)):
+        name = ""
+        if isinstance(node, ast.Attribute) and ast.unparse(node.value) not in ("self", "cls"):
+            name = node.attr
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("getattr", "hasattr"):
+            name = getattr(node.args[1], "value", "")
+        if name.startswith("_") and not name.startswith("__") and name not in public:
+            yield name
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_applications_read_public_attributes(path):
+    assert list(private_attributes(path.read_text("utf-8"))) == []
+
+
+def test_private_attributes_are_found():
+    text = "x = getattr(sea, '_slopes', 0.0) + sea._wind + self._own + pair._replace(a=1)[0]"
+    assert sorted(private_attributes(text)) == ["_slopes", "_wind"]
+
+
 def test_hidden_names_are_found():
     text = "from meshtrace.engine.forced import ForcedDetection\nfrom meshtrace import simulate\n"
     assert list(hidden_imports(text, offered())) == [("meshtrace.engine.forced", "ForcedDetection")]

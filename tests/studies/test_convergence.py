@@ -45,6 +45,32 @@ def shapes(waves, x, y):
     return [wave_sum.shape_at(waves, x[i], y[i]) for i in range(len(x))]
 
 
+def test_crossings_that_meet_count_once_in_any_order():
+    """The exact surface has each crossing once, also if another lies between two that meet."""
+    sea = SinusoidalSea(amplitude=0.25, wavelength=3.0, direction_deg=30.0)
+    chains = common(LINK, sea)._chains("vertex")
+    mesh = refinement.nested_mesh(LINK, sea, 0.0, 0.125, np.zeros(2))
+    aimed, waves = chains.planner.aim_over(mesh), refinement.waves_at(sea, 0.0, chains.arrays.frame)
+    scene = aimed.scene(chains.arrays.emitters[0], chains.arrays.targets[0])
+    repeated = 0
+    for drawn in map(chains.drawer.whole, chains.scattered_sets[0]):
+        _, arrivals = aimed.aim(0, 0, drawn, keep=True)
+        for i in np.unique(arrivals["chain"]):
+            crossings = arrivals[arrivals["chain"] == i]
+            if len(crossings) < 2:
+                continue
+            scores, counts = np.zeros((2, len(drawn.audit))), np.zeros((2, 3), np.int64)
+            for k, order in enumerate(([0, 1], [0, 1, 0, 1, 0])):
+                wave_sum.move_crossings(
+                    drawn.chains, crossings[order], waves, scene, scores[k], counts[k]
+                )
+            if counts[0].tolist() == [2, 0, 0]:  # both stay apart
+                repeated += 1
+                assert counts[1].tolist() == [2, 0, 3]
+                np.testing.assert_array_equal(scores[1], scores[0])
+    assert repeated > 20
+
+
 def test_shape_is_that_of_the_sea():
     sea = JonswapSea(wind_speed=13.0, seed=3, waves="paper")
     x, y = np.random.default_rng(1).uniform(-5.0, 5.0, (2, 20))

@@ -88,3 +88,18 @@ def test_jonswap_by_height_and_period():
 def test_refuses(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize(
+    ("spectrum", "height"),
+    [
+        (OchiHubble(hs=(0.05, 3.0), tp=(900.0, 2.0), lam=(3.0, 3.0)), 3.0),
+        (Torsethaugen(hs=40.0, tp=0.1), 40.0),
+    ],
+)
+def test_a_peak_far_below_the_highest_one_is_kept(spectrum, height):
+    """S(0) = 0, and the variance is hs^2 / 16, if the swell lies below 0.01 omega_p."""
+    assert spectrum(0.0) == 0.0
+    omega = np.geomspace(1e-4, 1e5, 200_001)
+    variance = np.trapezoid(spectrum(omega) * omega, np.log(omega))
+    assert 4.0 * math.sqrt(variance) == pytest.approx(height, rel=1e-3)

@@ -8,8 +8,8 @@ from matplotlib.colors import to_rgb
 import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import FlatSea, JonswapSea, TiltedPlane
-from meshtrace.viz import export, parts
-from meshtrace.viz.stage import ROOM, round_length, round_range
+from meshtrace.viz import ScenePlotter, export, parts, scenes
+from meshtrace.viz.stage import ROOM, round_length, round_range, stage_of
 from meshtrace.viz.style import FATE_COLORS, LED_COLOR
 
 LINK = mt.Link()
@@ -231,6 +231,38 @@ def test_rays_end_softly_and_are_as_bright_as_their_photons(shoot):
     points, tint = rays_of(shoot(received=paths, footprint=False)[0])
     near, far = (tint[np.argmin(np.abs(points[:, 2] - z)), 3] for z in (-7.5, 0.0))
     assert far == pytest.approx(0.57 * near, rel=0.1)
+
+
+def test_a_long_ray_fades_and_weakens_along_its_whole_length():
+    """Also one that starts far outside the stage; only its part inside is drawn."""
+    stage = stage_of(LINK, FlatSea(), None)
+    paths = straight(n=1)
+    paths.vertex[0] = ((-150.0, 0.0, -2.0), (150.0, 0.0, -2.0), (150.0, 0.0, 5.0))
+    paths.weight[0] = (1.0, 0.5, 0.5)
+    rays, _ = scenes._rays(ScenePlotter(stage, off_screen=True), paths)
+    assert rays.bounds[:2] == pytest.approx(stage.bounds[:2])
+    weight, fade = (rays[k][np.argmin(np.abs(rays.points[:, 0]))] for k in ("weight", "fade"))
+    assert weight == pytest.approx(0.75, abs=1e-3)
+    assert fade == 1.0
+    paths.vertex[0] = ((-6.0, 0.0, -2.0), (150.0, 0.0, -2.0), (0.0, 0.0, 0.0))
+    paths.what[0] = (0, 6, -1)  # ends there: far outside, so that it does not fade before the side
+    rays, _ = scenes._rays(ScenePlotter(stage, off_screen=True), paths)
+    inside = np.abs(rays.points[:, 0]) < 2.0
+    assert rays["fade"][inside].min() == 1.0
+    np.testing.assert_allclose(
+        rays["weight"], 1.0 - 0.5 * (rays.points[:, 0] + 6.0) / 156.0, atol=1e-5
+    )
+
+
+def test_texts_stand_beside_a_map_that_is_not_at_the_origin(shoot):
+    axis = np.linspace(97.0, 103.0, 13)
+    gain = np.full((13, 13), 1e-5)
+    link = mt.Link(transmitter=mt.Led(position=(100.0, 0.0)),
+                   receiver=mt.Receiver(position=(100.0, 0.0)))  # fmt: skip
+    coverage = mt.CoverageMap(axis, axis - 100.0, gain, 0.1 * gain)
+    plotter, _ = shoot(link, FlatSea(), coverage=coverage, labels=True)
+    places = [place for place, text, _ in plotter.texts if text.startswith("receiver")]
+    assert places[0][0] == pytest.approx(103.3)
 
 
 def test_the_beam_of_a_lamp_fades_with_the_attenuation(shoot):

@@ -269,8 +269,9 @@ class Design(Stored, kind="design", title="meshtrace design"):
 
     def reserve_together(self, light: str) -> float:
         """Return the reserve with the best lens, field of view and filter [dB]; nan for none."""
+        reserve = self.at(light).reserve
         gained = [value.gained for value in self.together if value.light == light]
-        return self.at(light).reserve + gained[0] if gained else math.nan
+        return reserve + gained[0] if gained else math.nan
 
     def summary(self) -> str:
         """Return the page as text for a terminal."""

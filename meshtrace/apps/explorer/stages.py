@@ -221,14 +221,15 @@ def unless_refused(work: Callable[[], Result]) -> Result | None:
 def rays(state: State, check: Check) -> Iterator[PhotonPaths]:
     """Trace paths of received light at the time of the state.
 
-    Where only analog photons follow the link they are paths of any light.
+    Where only photons follow the link they are paths of any light.
     """
     check()
     scenario = state.channel.replace(meshing=state.channel.meshing.replace(time=state.time))
     mesh, run = scenario.mesh(), scenario.run
     check()
-    # analog photons hit an aperture so seldom that paths of any light are shown
-    received = not isinstance(run.estimator, Analog)
+    # analog photons hit an aperture so seldom that paths of any light are shown; no chains carry
+    # light between ends on one side
+    received = not isinstance(run.estimator, Analog) and scenario.link.direction in ("up", "down")
     normals = scenario.meshing.normals
     yield trace_paths(
         scenario.link, mesh, RAYS, received_only=received, seed=run.seed, normals=normals
@@ -288,8 +289,10 @@ def index_of_all(link: Link, sea: SurfaceModel) -> float | None:
 def coverage(state: State, check: Check) -> Iterator[CoverageMap]:
     """Compute the map of the gain in the plane of the receiver; yield a rough, then a fine one."""
     link = state.channel.link
-    # a square as wide as the height from the lowest end of the link to the highest [m]
-    heights = [t.center[2] for t in link.transmitters] + [r.center[2] for r in link.receivers]
+    # a square as wide as the height from the lowest end of the link, or the sea, to the highest [m]
+    heights = (
+        [0.0] + [t.center[2] for t in link.transmitters] + [r.center[2] for r in link.receivers]
+    )
     half = 0.5 * (max(heights) - min(heights))
     for photons in MAP_PHOTONS:
         check()

@@ -320,9 +320,10 @@ class AimedChains:
         if not len(nonzero):
             return np.zeros(self.wavelengths)
         # Beer and Lambert for the light G of a facet: G_j = G exp(-(c_j - c) l). `logs` has this
-        # exponent for l the way from the source to the centroid of the facet, (wavelengths, facets)
+        # exponent for l the way in the water by the centroid of the facet, (wavelengths, facets)
         start = emitter if at is None else emitter._replace(position=at)
-        tints = self.straight_tints(start, self.centroids[nonzero], self.tinting.tints)
+        ends = self.centroids[nonzero]
+        tints = self.unscattered_tints(start, receiver, ends, self.tinting.tints)
         logs = self.tinting.shares @ tints.T
         # The light of a facet crosses it at other points, too: its effective l, over that way,
         # follows from the light at the farthest wavelength, computed on its own.
@@ -348,6 +349,18 @@ class AimedChains:
         if tints:
             tint_straight(start.position, ends, self.clear, tints, sums)
         return sums
+
+    def unscattered_tints(
+        self, start: Emitter, receiver: int, crossings: Floats, tints: Tints | None
+    ) -> Floats:
+        """Return the log weights (n, tints) of unscattered light by crossings (n, 3)."""
+        sums = self.straight_tints(start, crossings, tints)
+        if not (tints and self.link.reflects):
+            return sums
+        # both ways lie in the water, or neither does
+        back = np.empty_like(sums)
+        tint_straight(self.link.targets[receiver].center, crossings, self.clear, tints, back)
+        return sums + back if self.link.direction == "under" else np.zeros_like(sums)
 
     @property
     def clear(self) -> Medium:

@@ -31,7 +31,7 @@ class Moved(IntEnum):
 
     MOVED = 0  # crossings that add to the score
     LOST = 1  # Newton does not converge, or the crossing has no weight on the mesh
-    MERGED = 2  # lead to the same exact crossing as the one before
+    MERGED = 2  # lead to the same exact crossing as one before
 
 
 class Waves(NamedTuple):
@@ -132,7 +132,8 @@ def move_crossings(chains, arrivals, waves, scene, score, counters):
     Array twin: meshes of vanishing spacing.
     Each arrival over the mesh is moved to the exact crossing next to it, and its weight changed
     in proportion, which keeps the multiplicity on the mesh. `arrivals` comes back with the
-    crossings moved. The mesh has no random slopes: the sum of waves leaves none out.
+    crossings moved, nan for those lost. The mesh has no random slopes: the sum of waves leaves none
+    out.
     """
     for k in range(len(arrivals)):
         a = arrivals[k]
@@ -149,14 +150,20 @@ def move_crossings(chains, arrivals, waves, scene, score, counters):
         converged, x, y = _exact_newton(x, y, waves, shot, scene)
         if not converged or meshed == 0.0:
             counters[Moved.LOST.value] += 1
+            a.point[0] = a.point[1] = math.nan  # meets no other crossing
             continue
-        a.point[0], a.point[1] = x, y
-        # Two crossings of the mesh may lead to one of the exact surface: counted once.
-        if k > 0 and arrivals[k - 1].chain == i:
-            before = arrivals[k - 1].point
+        # Several crossings of the mesh may lead to one of the exact surface, also with others
+        # between them: counted once. Those of a chain follow each other.
+        j = k - 1
+        while j >= 0 and arrivals[j].chain == i:
+            before = arrivals[j].point
             if abs(before[0] - x) + abs(before[1] - y) < _SAME:
-                counters[Moved.MERGED.value] += 1
-                continue
+                break
+            j -= 1
+        a.point[0], a.point[1] = x, y
+        if j >= 0 and arrivals[j].chain == i:
+            counters[Moved.MERGED.value] += 1
+            continue
         counters[Moved.MOVED.value] += 1
         # The weight on the mesh keeps the multiplicity by roulette; the ratio of exact to meshed
         # weights replaces the surface.

@@ -302,7 +302,7 @@ def _accurate_spacing(link: Link, curvature: float, curvature_change: float, til
     """
     fine = math.inf
     # of each pair of ends: lever is beta_0, seen the radius of the aperture at the surface [m]
-    for _, lever, seen in link.crossings():
+    for _, lever, seen, *_ in link.crossings():
         focus = lever / math.hypot(1.0, lever * curvature)
         q = _MESH_ERROR / max(0.35 * focus * curvature_change, 1e-300)
         eight_rho = 8.0 * math.hypot(seen, lever * tilts)

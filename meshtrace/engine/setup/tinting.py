@@ -17,6 +17,7 @@ from meshtrace.engine.setup.arrays import Frame, frame_of, integral, mean_water
 from meshtrace.kernels.medium import SMALLEST_ANGLE
 from meshtrace.kernels.tints import ALONE, NO_TINTS, TINTS, Mixture, Tints, common_functions
 from meshtrace.link import Link
+from meshtrace.link.link import FEW_METRES
 from meshtrace.models import Floats
 
 _NODES = 2049  # depths in the tables of layered water; tuned
@@ -290,7 +291,7 @@ def _in_turn(links: Sequence[Link]) -> list[int]:
     They are so close that the distributions of their numbers of scatterings, roughly Poisson laws,
     overlap.
     """
-    depth = max(-item.center[2] for _, item in links[0].items())
+    depth = _depth_of_light(links[0])
     # 2 sqrt(N) of a Poisson number N has a standard deviation of about 1, whatever its mean
     root = np.array([2.0 * math.sqrt(scattering(link)[0] * depth) for link in links])
     apart = float(root.max() - root.min())
@@ -298,6 +299,13 @@ def _in_turn(links: Sequence[Link]) -> list[int]:
     number = 1 + min(math.ceil(apart / _APART - 0.1), _MOST_BASES - 1)
     wanted = np.linspace(root.max(), root.min(), number)
     return list(dict.fromkeys(int(np.abs(root - level).argmin()) for level in wanted))
+
+
+def _depth_of_light(link: Link) -> float:
+    """Return the depth [m] down to which a link has light: its deepest end, or as below."""
+    if link.direction == "over":  # light that comes back to the air
+        return link.water.bottom_depth or FEW_METRES
+    return max(-item.center[2] for _, item in link.items())
 
 
 def _is_alike(first: Link, link: Link) -> bool:
@@ -324,9 +332,10 @@ def clearest(links: Sequence[Link]) -> Link:
 def scattering(link: Link) -> tuple[float, float]:
     """Return the mean scattering coefficient and minus the mean absorption [m-1], a sort key.
 
-    The means are from still water to the deepest end; of equal scattering less absorption is first.
+    The means are from still water to `_depth_of_light`; of equal scattering less absorption is
+    first.
     """
-    deepest = max(-item.center[2] for _, item in link.items())
+    deepest = _depth_of_light(link)
     a, b = mean_water(link.water, deepest)
     if link.bubbles is not None:
         b += float(np.mean(link.bubbles.b(np.linspace(0.0, deepest, 257))))

@@ -11,23 +11,22 @@ from mc_statistics import ALPHA, sidak
 from scipy import stats
 
 import meshtrace as mt
-from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.photons.analog import run_analog
+from meshtrace.engine import straight
+from meshtrace.engine.photons import analog
 from meshtrace.engine.setup import ends
-from meshtrace.engine.straight import straight_gains
-from meshtrace.kernels.tally import BOTTOM, DIRECT, MIRRORED, SCATTERED
+from meshtrace.kernels import tally
 from meshtrace.surfaces import FlatSea
 
 LIMIT = stats.norm.isf(sidak(ALPHA, 10) / 2.0)
 CLEAR = mt.Water(a=0.114, b=0.037, n=1.33)
-PARTS = (DIRECT, MIRRORED, SCATTERED, BOTTOM)
+PARTS = (tally.DIRECT, tally.MIRRORED, tally.SCATTERED, tally.BOTTOM)
 
 
 def gains_of(link, photons, seed=1, extent=200.0):
     """Return (gain, standard error) of each of `PARTS`, and of all light."""
     mesh = FlatSea().mesh(extent=extent, spacing=extent / 2.0)
     options = {"photons": photons, "seed": seed, "record": ["arrivals"]}
-    sums = run_analog(link, EmbreeIntersector(mesh, 1), **options)
+    sums = analog.run_analog(link, mt.EmbreeIntersector(mesh, 1), **options)
     hits, scores = sums.all_arrivals, []
     assert set(hits["part"]) <= set(PARTS)
     for parts in (*((p,) for p in PARTS), PARTS):
@@ -43,9 +42,9 @@ def z_of(score, expected, error=0.0):
     return (score[0] - expected) / math.hypot(score[1], error)
 
 
-def straight(link):
+def straight_gain(link):
     forced = ends.forced_link(link)
-    return straight_gains(forced, None, forced.medium, 0, 0)[0]
+    return straight.straight_gains(forced, None, forced.medium, 0, 0)[0]
 
 
 @pytest.mark.thorough
@@ -60,8 +59,8 @@ def test_all_light_under_water():
         ),
     )  # fmt: skip
     scores = gains_of(link, 400_000)
-    print(scores, straight(link))
-    assert abs(z_of(scores[0], straight(link))) < LIMIT
+    print(scores, straight_gain(link))
+    assert abs(z_of(scores[0], straight_gain(link))) < LIMIT
     assert abs(z_of(scores[4], 1.2713e-3, 6.5e-6)) < LIMIT
     assert scores[1, 0] == scores[3, 0] == 0.0
     assert scores[2, 0] > 0.0
@@ -101,8 +100,8 @@ def test_straight_in_the_air(aim):
     )  # fmt: skip
     # most light leaves a mesh of 40 m, beyond the receiver
     scores = gains_of(link, 60_000, extent=40.0)
-    print(scores, straight(link))
-    assert abs(z_of(scores[0], straight(link))) < LIMIT
+    print(scores, straight_gain(link))
+    assert abs(z_of(scores[0], straight_gain(link))) < LIMIT
 
 
 def test_mirror_image_in_the_air():
@@ -135,7 +134,7 @@ def test_lamp_and_receiver_look_at_each_other_in_the_water():
             ),
         )
         scores = gains_of(link, 60_000)
-        assert abs(z_of(scores[0], straight(link))) < LIMIT
+        assert abs(z_of(scores[0], straight_gain(link))) < LIMIT
     link = mt.Link(
         water=CLEAR,
         transmitter=mt.Led(depth=3.0, half_angle_deg=60.0),
