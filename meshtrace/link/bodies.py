@@ -164,7 +164,8 @@ class Body(Model, frozen=True):
             raise Refused("mesh", None, READABLE)
         facets = _facets_of(self.mesh)
         if self.sha256 not in (None, facets.sha256):
-            raise Refused("mesh", self.mesh, f"the mesh with the SHA-256 {self.sha256}")
+            other = Described(f"one with the SHA-256 {facets.sha256}")
+            raise Refused("mesh", other, f"the mesh with the SHA-256 {self.sha256}")
         largest = float(np.abs(self.triangles()[0]).max())
         if not largest <= FARTHEST:
             far = Described(f"coordinates up to {largest:g} m")

@@ -16,8 +16,8 @@ M = TypeVar("M", bound=Model)
 Table = dict[str, Any]
 
 KEYS = tuple(
-    "wind_speed physics whitecaps n_air sea water bubbles transmitter receiver planes objects detector uav "
-    "daylight run".split()
+    "wind_speed physics whitecaps n_air sea water bubbles transmitter receiver planes objects "
+    "detector uav daylight run".split()
 )
 """Keys at the top of a link file."""
 
@@ -166,7 +166,10 @@ _WORDS = {"sea": "", "water": "", "run": "", "bubbles": "model", "whitecaps": "m
 
 
 def located(config: Mapping[str, Any], folder: str | Path) -> Table:
-    """Return a copy of nested tables with a folder prepended to the paths at keys `file`."""
+    """Return a copy of nested tables with a folder prepended to the paths of files.
+
+    These are the keys `file`, and those of bodies.
+    """
     copies = [tables := dict(config)]
     for table in copies:  # the list grows by the tables inside each
         for key, value in table.items():
@@ -178,11 +181,6 @@ def located(config: Mapping[str, Any], folder: str | Path) -> Table:
                 copies += [v for v in table[key] if isinstance(v, dict)]
             elif key == "file" and isinstance(value, str):
                 table[key] = str(Path(folder) / value)
-    return tables
-
-
-def locate_bodies(tables: Table, folder: str | Path) -> None:
-    """Prepend a folder to the paths of bodies and of their albedos, in place."""
     objects = tables.get("objects")
     # one body may be a table [objects], several are tables [[objects]]
     bodies = objects if isinstance(objects, list) else [objects]
@@ -190,6 +188,7 @@ def locate_bodies(tables: Table, folder: str | Path) -> None:
     for table, key in [*places, (tables.get("water"), "bottom")]:
         if isinstance(table, dict) and isinstance(table.get(key), str):
             table[key] = str(Path(folder) / table[key])
+    return tables
 
 
 def expand_words(tables: Table) -> None:

@@ -193,7 +193,6 @@ class Scenario(Model, frozen=True):
             # bare words (bubbles = "none") and relative paths are resolved here, in a copy: the
             # functions that read the tables see neither
             tables = files.located(config, folder)
-            files.locate_bodies(tables, folder)
             files.expand_words(tables)
             wind_speed = tables.get("wind_speed", parts.DEFAULT_WIND_SPEED)
             allowed = "0 <= wind_speed <= 60 m/s"

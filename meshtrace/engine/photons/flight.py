@@ -1,10 +1,11 @@
 """The analog photon: from the source through the water to the surface and beyond.
 
 `follow` takes photons one after another through flights in the water, crossings of the surface and
-flights in the air until they end. A free path ends at a collision, or at a body before it. The facet ahead is found on the grid of the mesh where
-`grid_facet` knows it, else by a ray. At the surface light is refracted and reflected; what leaves
-for good is scored at once. Records and steps that joined photons share come first. The slab is the
-layer between the lowest trough and the highest crest.
+flights in the air until they end. A free path ends at a collision, or at a body before it. The
+facet ahead is found on the grid of the mesh where `grid_facet` knows it, else by a ray. At the
+surface light is refracted and reflected; what leaves for good is scored at once. Records and steps
+that joined photons share come first. The slab is the layer between the lowest trough and the
+highest crest.
 
 Names of these kernels: q is the photon under way, a record that is changed in place; p a point, d a
 unit direction; g the normal of a facet and n that which refracts light, both up; u, v uniform
