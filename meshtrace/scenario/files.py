@@ -185,9 +185,9 @@ def located(config: Mapping[str, Any], folder: str | Path) -> Table:
     # one body may be a table [objects], several are tables [[objects]]
     bodies = objects if isinstance(objects, list) else [objects]
     places = [(body, key) for body in bodies for key in ("mesh", "albedo")]
-    for table, key in [*places, (tables.get("water"), "bottom")]:
-        if isinstance(table, dict) and isinstance(table.get(key), str):
-            table[key] = str(Path(folder) / table[key])
+    for owner, key in [*places, (tables.get("water"), "bottom")]:
+        if isinstance(owner, dict) and isinstance(owner.get(key), str):
+            owner[key] = str(Path(folder) / owner[key])
     return tables
 
 
