@@ -261,7 +261,7 @@ def add_bodies(scene: ScenePlotter, link: Link) -> ScenePlotter:
     """Draw the part on the stage of every body of a link, in a neutral colour."""
     for body in link.bodies:
         vertices, faces = body.triangles()
-        solid = pv.PolyData.from_regular_faces(vertices, faces.astype(np.int64))
+        solid = pv.PolyData.from_regular_faces(vertices, faces.astype(int))
         x0, x1, y0, y1, *_ = scene.stage.bounds
         low, high = solid.bounds[4] - 1.0, solid.bounds[5] + 1.0
         inside = solid.clip_box((x0, x1, y0, y1, low, high), invert=False)

@@ -151,3 +151,17 @@ def test_paths_record_bodies():
 def test_forced_refuses_bodies():
     with pytest.raises(mt.Refused, match=r'objects: 1 of them.*estimator="analog"'):
         mt.simulate(boxed(0.5), FlatSea(), estimator="forced")
+
+
+def test_each_wavelength_has_its_albedo():
+    # weights at other wavelengths cannot tell the bodies that a path has met
+    link = boxed([(400.0, 0.2), (600.0, 0.8)]).replace(water=mt.Water.from_type("jerlov-IB"))
+    result = run(link, 2000, wavelengths_nm=[450.0, 550.0], max_events=40)
+    for nm, at in zip(result.wavelength_nm, result.results, strict=True):
+        assert at.fates == run(link.at_wavelength(nm), 2000, max_events=40).fates
+
+
+def test_background_refuses_bodies():
+    day = mt.Daylight(direct=1.0, diffuse=0.3)
+    with pytest.raises(mt.Refused, match=r"objects: 1 of them"):
+        mt.background(boxed(0.5), FlatSea(), day)
