@@ -11,12 +11,14 @@ from . import viz as viz
 from .apps import ChannelTrace as ChannelTrace
 from .apps import Design as Design
 from .apps import Inference as Inference
+from .apps import LidarResult as LidarResult
 from .apps import Optimum as Optimum
 from .apps import channel_trace as channel_trace
 from .apps import design as design
 from .apps import explore as explore
 from .apps import infer as infer
 from .apps import irradiance_series as irradiance_series
+from .apps import lidar as lidar
 from .apps import optimize as optimize
 from .comms.background import DaylightWarning as DaylightWarning
 from .comms.ook import OokLink as OokLink

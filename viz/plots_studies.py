@@ -234,5 +234,6 @@ _PLOTS: dict[str, Callable[..., Any] | str] = {
     "design": "meshtrace.apps.plots:plot_design",
     "optimum": "meshtrace.apps.plots:plot_optimum",
     "inference": "meshtrace.apps.plots:plot_inference",
+    "lidar": "meshtrace.apps.plots:plot_lidar",
     "measured": "meshtrace.apps.plots:plot_measured",
 }

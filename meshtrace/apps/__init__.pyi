@@ -9,11 +9,14 @@ from .explorer import explore as explore
 from .inference import Inference as Inference
 from .inference import infer as infer
 from .irradiance import irradiance_series as irradiance_series
+from .lidar import LidarResult as LidarResult
+from .lidar import lidar as lidar
 from .optimisation import Optimum as Optimum
 from .optimisation import optimize as optimize
 from .plots import plot_channel as plot_channel
 from .plots import plot_design as plot_design
 from .plots import plot_inference as plot_inference
+from .plots import plot_lidar as plot_lidar
 from .plots import plot_measured as plot_measured
 from .plots import plot_optimum as plot_optimum
 from .plots import plot_trace as plot_trace

@@ -13,6 +13,7 @@ from meshtrace.viz.style import INK, PALETTE, label_of, verbatim
 from .channels import ChannelModel
 from .designs.page import PERIODS, Design, Period
 from .inference import Inference
+from .lidar import ECHOES, LidarResult
 from .measured.suite import MeasuredTable
 from .optimisation import Optimum
 from .traces import ChannelTrace
@@ -80,6 +81,38 @@ def plot_trace(result: ChannelTrace, *, ax: Axes | None = None) -> Axes:
             times, radiance / radiance.mean(), "o", color=color, markersize=5.0, label="background"
         )
     return marks.finished(ax, ylim=(0.0, None))
+
+
+@check_call
+def plot_lidar(result: LidarResult, *, ax: Axes | None = None) -> Axes:
+    """Plot the waveform of a lidar: echoes of surface, column and bottom over the depth.
+
+    Parameters
+    ----------
+    result : LidarResult
+        Of `lidar`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+        With the delay along x and the received share of the energy, by bin, on a logarithmic axis.
+    """
+    ax = marks.axes(ax)
+    edges = 1e9 * result.delay_edges
+    for name, energy, color in zip(ECHOES, result.echo, PALETTE.values(), strict=False):
+        if energy.any():
+            ax.stairs(np.where(energy > 0.0, energy, np.nan), edges, color=color, label=name)
+    # five decades below the echo of the bottom: fainter bins are single photons
+    least = 1e-5 * result.echo[2].max() or 1e-9 * result.echo.max()
+    return marks.finished(
+        ax,
+        "delay after the echo of still water [ns]",
+        "received share of the energy in a bin",
+        yscale="log",
+        ylim=(least, 2.0 * result.echo.max()),
+    )
 
 
 @check_call

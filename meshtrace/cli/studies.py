@@ -15,7 +15,7 @@ from meshtrace.cli import options as opt
 from meshtrace.cli.application import command
 from meshtrace.cli.console import progress
 from meshtrace.cli.options import count, flag, numbers, seas, value
-from meshtrace.errors import Refused, extra, require_word
+from meshtrace.errors import Described, Refused, extra, require_word
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,6 +23,13 @@ if TYPE_CHECKING:
 # Most lines of the table that `sweep` prints. Tuned: a long table pushes the rest of the output out
 # of view, and the store holds all points.
 _MOST_ROWS = 200
+
+# Link of `lidar` without a file, a common case of airborne bathymetry
+_AIRBORNE = {
+    "transmitter.kind": "air-top-hat-beam", "transmitter.height": 300, "receiver.height": 300,
+    "transmitter.divergence_deg": 0.0286, "receiver.radius": 0.1, "receiver.fov_deg": 0.286,
+    "water.bottom_depth": 10, "water.bottom_albedo": 0.15,
+}  # fmt: skip
 
 
 @command()
@@ -268,6 +275,30 @@ def irradiance(
     study = partial(mt.irradiance_series, depths=depths, times=times, collector=collector,
                     below=below, patch=patch, photons=photons)  # fmt: skip
     options.run(study, progress(len(times), "over the times"))
+
+
+@command()
+def lidar(
+    options: opt.StudyOptions,
+    seas: Annotated[int, count("Seas of independent phases.", "--seas")] = 16,
+    photons: opt.Chains = 4096,
+    bin_: Annotated[float, value("NS", "Width of the bins of the waveform [ns].", "--bin")] = 1.0,
+    pulse: Annotated[float, value("NS", "Full width of the pulse at half maximum [ns].")] = 1.5,
+) -> None:  # fmt: skip
+    """Print the waveform of a lidar over waves and the depths that it tells, with their bias.
+
+    Without a link file: lamp and telescope of .1 m radius 300 m above a bottom 10 m deep.
+    """
+    if options.store is not None or options.workers is not None:
+        raise Refused("--store, --workers", Described("given"), "none: each sea takes seconds")
+    scenario = options.scenario(options.link, _AIRBORNE if options.link is None else None)
+    options.check(options.link)
+
+    def study(subject: mt.Scenario, progress: Any, **_: Any) -> mt.LidarResult:
+        return mt.lidar(subject, seas=seas, photons=photons, bin_width=1e-9 * bin_,
+                        pulse_width=1e-9 * pulse, progress=progress)  # fmt: skip
+
+    options.run(study, progress(seas, "over the seas"), scenario)
 
 
 @command()

@@ -205,4 +205,6 @@ def _angles(
 
 def _cosine(way: Floats, axis: tuple[float, float, float]) -> Floats:
     """Return the cosines of the angles of directions (n, 3) to an axis."""
-    return np.clip(way @ np.array(axis) / np.linalg.norm(way, axis=1), -1.0, 1.0)
+    # no direction between two ends at one place, from which no light goes straight
+    length = np.maximum(np.linalg.norm(way, axis=1), 1e-300)
+    return np.clip(way @ np.array(axis) / length, -1.0, 1.0)

@@ -22,6 +22,7 @@ OUTPUTS = {
     "run-receivers": "run two.toml --photons 300",
     "series": "series --times 0:2:0.5 --photons 256",
     "ensemble": "ensemble -n 6 --photons 256",
+    "lidar": "lidar --seas 2 --photons 256",
     "traces": "traces --hours 2e-4 --rate 10 --photons 64",
     "ber": "ber --wind 0,13 -n 3 --bit-rates 1e6,5e6 --photons 256",
     "ber-ranges": "ber --preset paper-ranges --wind 0 --depths 45:55:5 --bit-rates 1e6 --photons 256",

@@ -51,6 +51,7 @@ WRITING = {
     "optimize": ("optimize", "--over", "receiver.fov_deg=6,90", "-n", "4", *FEW),
     "design": ("design", "-n", "8", *FEW),
     "irradiance": ("irradiance", "--times", "0,0.1", "--photons", "1000"),
+    "lidar": ("lidar", "--seas", "2", *FEW),
     "traces": ("traces", "--hours", "1e-4", "--rate", "10", *FEW),
     "sweep": ("sweep", "sweep.toml", "--workers", "1"),
     "sweep by day": ("sweep", "day.toml", "--workers", "1"),

@@ -14,6 +14,11 @@ from meshtrace.kernels import interface
 
 LINK, FLAT = mt.Link(), surfaces.FlatSea()
 SEA = surfaces.JonswapSea(wind_speed=5.0, seed=7, waves="paper")
+LIDAR = mt.Link(
+    water=mt.Water(bottom_depth=3.0, bottom_albedo=0.2),
+    transmitter=mt.AirTopHatBeam(height=20.0, divergence_deg=0.5),
+    receiver=mt.Receiver(height=20.0, fov_deg=2.0),
+)
 GAIN = 1e-5 * (1.0 + np.random.default_rng(5).random(40))
 TIMES = 0.5 * np.arange(40.0)
 AXIS = np.linspace(-1.0, 1.0, 4)
@@ -221,6 +226,7 @@ OTHER = {
                              "realizations": 0},
     "design": {"realizations": 8}, "Design.choice": {"key": "receiver.radius"},
     "channel_trace": {"surface": SEA, "rate": 10.0},
+    "lidar": {"link": LIDAR, "surface": SEA, "seas": 2},
     "coverage_map": {"times": None},
     "background": {"wavelengths_nm": None},
     "time_series": {"surface": SEA}, "studies.time_series": {"surface": SEA},
@@ -352,6 +358,7 @@ MADE = {
     "SurfaceModel": lambda: FLAT, "Model": lambda: LINK,
     "BruteForceIntersector": lambda: mt.BruteForceIntersector(mesh()),
     "EmbreeIntersector": lambda: mt.EmbreeIntersector(mesh()), "Duplex": duplex, "Flight": mt.Flight,
+    "LidarResult": lambda: mt.lidar(LIDAR, SEA, seas=2, **FEW),
     "ChannelTrace": lambda: mt.channel_trace(LINK, SEA, hours=1e-3, rate=10.0, **FEW),
     "DepthSweep": lambda: mt.DepthSweep([5.0], (performance(),)),
     "Design": lambda: mt.design(mt.Scenario.from_toml("wind_speed = 0.0"), realizations=8, **FEW),
