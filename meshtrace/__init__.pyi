@@ -43,6 +43,7 @@ from .errors import Refused as Refused
 from .link import AirBeam as AirBeam
 from .link import AirLed as AirLed
 from .link import AirTopHatBeam as AirTopHatBeam
+from .link import Body as Body
 from .link import CardioidalSky as CardioidalSky
 from .link import GaussianBeam as GaussianBeam
 from .link import IrradiancePlanes as IrradiancePlanes

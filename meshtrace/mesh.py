@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from os import PathLike, fspath
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import BeforeValidator, PlainSerializer
 
 from meshtrace.checks import Shape, check_call
 from meshtrace.errors import Described, Refused, require_array, require_range
@@ -318,6 +322,11 @@ class TriangleMesh:
         """
         return self._facets.max_slope if self.single_valued else math.inf
 
+    @cached_property
+    def sha256(self) -> str:
+        """Digest of vertices and faces, which tells the mesh from others."""
+        return hashlib.sha256(self.vertices.tobytes() + self.faces.tobytes()).hexdigest()
+
     def to_trimesh(self) -> trimesh.Trimesh:
         """Return the same mesh as a `trimesh.Trimesh`."""
         import trimesh
@@ -325,3 +334,30 @@ class TriangleMesh:
         return trimesh.Trimesh(
             self.vertices, self.faces, vertex_normals=self.vertex_normals, process=False
         )
+
+
+READABLE = "a file with a mesh that trimesh reads (OBJ, PLY, STL, ...), or a TriangleMesh"
+"""What a `MeshOrFile` may be, for refusals."""
+
+
+def _path_or_mesh(value: Any) -> Any:
+    """Return a path as a text, a TriangleMesh as it is; refuse anything else."""
+    if value is None or isinstance(value, TriangleMesh):
+        return value
+    if isinstance(value, str | PathLike):
+        return fspath(value)
+    # plain data of a result hold no arrays
+    is_digest = isinstance(value, Mapping) and "sha256" in value
+    kind = "a digest of arrays" if is_digest else type(value).__name__
+    raise Refused("", Described(kind), READABLE)
+
+
+def _path_or_digest(mesh: Any) -> Any:
+    """Return the path of a mesh, or what identifies the arrays of a TriangleMesh, as plain data."""
+    if not isinstance(mesh, TriangleMesh):
+        return mesh
+    return {"sha256": mesh.sha256, "facets": len(mesh.faces)}
+
+
+MeshOrFile = Annotated[Any, BeforeValidator(_path_or_mesh), PlainSerializer(_path_or_digest)]
+"""Field of a model that holds a TriangleMesh or the path of a file with a mesh, or None."""

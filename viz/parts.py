@@ -38,6 +38,8 @@ DEEP_COLORS = ("#2F7F9E", "#061726")
 """Colours of the block of water in a scene, at the surface and in the dark below."""
 
 _AIRCRAFT_COLOR = "#9AA6B2"
+BODY_COLOR = "#B7AA96"
+"""Colour of the bodies of a link."""
 LIGHT_COLOR = "#BFF3FF"
 """Colour of a beam in the water."""
 
@@ -253,6 +255,21 @@ def outline(mesh: TriangleMesh) -> np.ndarray:
     # twice the signed area (shoelace formula), negative if clockwise
     clockwise = float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1])) < 0.0
     return ring[::-1] if clockwise else ring
+
+
+def add_bodies(scene: ScenePlotter, link: Link) -> ScenePlotter:
+    """Draw the part on the stage of every body of a link, in a neutral colour."""
+    for body in link.bodies:
+        vertices, faces = body.triangles()
+        solid = pv.PolyData.from_regular_faces(vertices, faces.astype(int))
+        x0, x1, y0, y1, *_ = scene.stage.bounds
+        low, high = solid.bounds[4] - 1.0, solid.bounds[5] + 1.0
+        inside = solid.clip_box((x0, x1, y0, y1, low, high), invert=False)
+        if inside.n_cells:
+            surface = inside.extract_surface(algorithm=None)
+            scene.add_mesh(surface, color=BODY_COLOR, ambient=0.25, specular=0.1)
+            scene.key["body"] = BODY_COLOR
+    return scene
 
 
 def add_transmitter(

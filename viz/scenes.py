@@ -188,6 +188,7 @@ def scene(
         )
     # from back to front: translucent parts are blended in this order
     if link is not None:
+        parts.add_bodies(plotter, link)
         parts.add_bubbles(plotter, shown, bubbles)
         parts.add_transmitter(plotter, link, shown, labels=style.labels)
     shaded = None

@@ -103,6 +103,9 @@ def stage_of(link: Link | None, surface: MeshSource | TriangleMesh, extent: floa
     least, most = positions.min(axis=0), positions.max(axis=0)
     bottom = -max((getattr(item, "depth", 0.0) for item in ends), default=0.0)
     top = max((getattr(item, "height", 0.0) for item in ends), default=0.0)
+    levels = [body.triangles()[0][:, 2] for body in link.bodies]
+    bottom = min([bottom, *(float(z.min()) for z in levels)])
+    top = max([top, *(float(z.max()) for z in levels)])
     height = max(top - bottom, 1.0)  # of the box [m], which sets the margins
     x, y = (0.5 * (least + most)).tolist()
     half = 0.5 * float((most - least).max()) + 0.62 * height

@@ -83,6 +83,11 @@ SECTIONS: list[tuple[str, str, Part]] = [
         "Irradiance planes in the water, for the analog estimator.",
         [mt.IrradiancePlanes],
     ),
+    (
+        "[[objects]]",
+        "Bodies beside the sea, one table each. Paths are relative to the file.",
+        [mt.Body],
+    ),
     ("[detector]", "Fields that replace those of a `preset`.", [OokLink]),
     ("[detector.model]", "A word.", ReceiverModel),
     (
@@ -127,6 +132,7 @@ NO_KEYS = {"kind", "source", "recipe", "record", "gauge", "parts"}
 ELSEWHERE: dict[type[Model], set[str]] = {
     mt.Daylight: {"wavelength_nm"},
     mt.Meshing: {"normals"},
+    mt.Body: {"sha256"},
     mt.Water: {"spectrum", "wavelength_nm"},
 }
 """Fields that another table, or other keys, give."""

@@ -49,6 +49,7 @@ class Purpose(IntEnum):
     JOIN_SLOPE = 10  # crossing of that connection
     GUIDE = 11  # direction towards a target
     TRIAL = 12  # starts of searches for further crossings
+    BODY = 14  # reflection by a body
     SERIES = 13  # rejection of slopes that are not Gaussian
 
 

@@ -52,6 +52,7 @@ class Fate(IntEnum):
     ROULETTE = 8  # ended at random for its small weight
     EVENT_LIMIT = 9  # ended after too many events
     DEEP = 10  # so deep that it cannot return
+    BODY = 11  # absorbed there
 
 
 class PlaneScore(IntEnum):

@@ -1,7 +1,9 @@
+from . import bodies as bodies
 from . import link as link
 from . import physics as physics
 from . import receivers as receivers
 from . import sources as sources
+from .bodies import Body as Body
 from .link import Footprint as Footprint
 from .link import Link as Link
 from .physics import Physics as Physics

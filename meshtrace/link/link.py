@@ -8,7 +8,8 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from meshtrace.errors import Described, Refused, require_real
+from meshtrace.errors import Described, Refused, require_real, within
+from meshtrace.link.bodies import Body
 from meshtrace.link.physics import Physics, Whitecaps
 from meshtrace.link.receivers import (
     Aperture,
@@ -85,6 +86,8 @@ class Link(Model, frozen=True):
         Foam on the surface.
     planes : IrradiancePlanes or None
         Irradiance planes in the water.
+    objects : Body or sequence of Body
+        Bodies beside the sea, see `bodies`.
     n_air : float
         Refractive index of the air.
     physics : Physics, "physical" or "paper"
@@ -101,6 +104,7 @@ class Link(Model, frozen=True):
     receiver: FamilyFields[Aperture] = converted(default=Receiver())
     whitecaps: Whitecaps | None = None
     planes: IrradiancePlanes | None = None
+    objects: tuple[Body, ...] = ()
     n_air: float = Field(default=1.0, ge=1.0, le=2.0, allow_inf_nan=False)
     physics: Physics = Physics()
 
@@ -109,10 +113,16 @@ class Link(Model, frozen=True):
     def _preset(cls, physics: Any) -> Any:
         return Physics.preset(physics) if isinstance(physics, str) else physics
 
+    @field_validator("objects", mode="before")
+    @classmethod
+    def _one_or_several(cls, objects: Any) -> Any:
+        return (objects,) if isinstance(objects, Body | dict) else objects
+
     @model_validator(mode="after")
     def _consistent(self) -> Link:
         if not self.transmitters:
             raise Refused("transmitter", (), "at least one source")
+        self._require_albedos()
         bottom = self.water.bottom_depth
         for path, item in self.items():
             depth = -item.center[2]
@@ -124,6 +134,24 @@ class Link(Model, frozen=True):
                 allowed = f"at least {self.least_distance:g} m from still water"
                 raise Refused(f"{path}.{name}", Described(f"{abs(depth):g} m"), allowed)
         return self
+
+    def _require_albedos(self) -> None:
+        """Refuse bodies without one albedo at the wavelength of the sources."""
+        wavelengths = dict.fromkeys(t.wavelength_nm for t in self.transmitters)
+        for i, body in enumerate(self.bodies):
+            with within("objects", i) if i < len(self.objects) else within("water", "bottom"):
+                if isinstance(body.albedo, tuple) and len(wavelengths) > 1:
+                    several = Described("a table of wavelength")
+                    raise Refused("albedo", several, "a number for sources of several wavelengths")
+                body.albedo_at(next(iter(wavelengths)))
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """The objects, and the bottom of the water if it is a mesh."""
+        if self.water.bottom is None:
+            return self.objects
+        with within("water", "bottom"):
+            return *self.objects, Body(self.water.bottom, albedo=self.water.bottom_albedo)
 
     @property
     def least_distance(self) -> float:

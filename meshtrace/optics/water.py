@@ -13,6 +13,7 @@ from pydantic import Field
 
 from meshtrace.errors import MISSING, Described, Refused, require_array
 from meshtrace.fields import attrs
+from meshtrace.mesh import MeshOrFile
 from meshtrace.models import FamilyField, Floats, Model, NonNegative, converted
 from meshtrace.optics.phase import FournierForand, PhaseFunction
 from meshtrace.optics.spectra import PETZOLD, PETZOLD_NM, WaterSpectrum, WaterType
@@ -39,6 +40,8 @@ class Water(Model, frozen=True):
         Depth of the sea floor [m], > 0; None for infinitely deep water.
     bottom_albedo : float
         Lambertian albedo of the sea floor, 0 ... 1.
+    bottom : path, TriangleMesh or None
+        Mesh of the sea floor, z up from still water [m]: a `Body` with the albedo `bottom_albedo`.
     layers : sequence of (depth, a, b), or None
         Profile [m, m-1, m-1] from depth 0 downwards: linear between its nodes, constant below the
         last. `a` and `b` are then those of the first node and may be left out.
@@ -75,6 +78,7 @@ class Water(Model, frozen=True):
     phase: FamilyField[PhaseFunction] = converted(default=FournierForand())
     bottom_depth: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
     bottom_albedo: float = Field(default=0.0, ge=0.0, le=1.0, allow_inf_nan=False)
+    bottom: MeshOrFile = None
     layers: tuple[tuple[float, float, float], ...] | None = None
     spectrum: FamilyField[WaterSpectrum | None] = converted(default=None)
     wavelength_nm: float | None = Field(default=None, ge=200.0, le=1200.0, allow_inf_nan=False)

@@ -39,6 +39,7 @@ FATE_MEANING = {
     Fate.ROULETTE: "ended by roulette (net weight)",
     Fate.EVENT_LIMIT: "reached the limit of events",
     Fate.DEEP: "escaped downwards (bottomless, non-absorbing water)",
+    Fate.BODY: "absorbed by a body",
 }
 """Description of each `Fate` of photons."""
 

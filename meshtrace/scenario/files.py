@@ -16,8 +16,8 @@ M = TypeVar("M", bound=Model)
 Table = dict[str, Any]
 
 KEYS = tuple(
-    "wind_speed physics whitecaps n_air sea water bubbles transmitter receiver planes detector uav "
-    "daylight run".split()
+    "wind_speed physics whitecaps n_air sea water bubbles transmitter receiver planes objects "
+    "detector uav daylight run".split()
 )
 """Keys at the top of a link file."""
 
@@ -166,7 +166,10 @@ _WORDS = {"sea": "", "water": "", "run": "", "bubbles": "model", "whitecaps": "m
 
 
 def located(config: Mapping[str, Any], folder: str | Path) -> Table:
-    """Return a copy of nested tables with a folder prepended to the paths at keys `file`."""
+    """Return a copy of nested tables with a folder prepended to the paths of files.
+
+    These are the keys `file`, and those of bodies.
+    """
     copies = [tables := dict(config)]
     for table in copies:  # the list grows by the tables inside each
         for key, value in table.items():
@@ -178,6 +181,13 @@ def located(config: Mapping[str, Any], folder: str | Path) -> Table:
                 copies += [v for v in table[key] if isinstance(v, dict)]
             elif key == "file" and isinstance(value, str):
                 table[key] = str(Path(folder) / value)
+    objects = tables.get("objects")
+    # one body may be a table [objects], several are tables [[objects]]
+    bodies = objects if isinstance(objects, list) else [objects]
+    places = [(body, key) for body in bodies for key in ("mesh", "albedo")]
+    for owner, key in [*places, (tables.get("water"), "bottom")]:
+        if isinstance(owner, dict) and isinstance(owner.get(key), str):
+            owner[key] = str(Path(folder) / owner[key])
     return tables
 
 

@@ -278,6 +278,7 @@ class Scenario(Model, frozen=True):
             "transmitter": files.plain(link.transmitter),
             "receiver": files.plain(link.receiver),
             "planes": files.plain(link.planes),
+            "objects": parts.objects_config(link),
             "detector": parts.detector_config(self.detector, link),
             "uav": files.plain(self.uav),
             "daylight": parts.daylight_config(self.daylight),

@@ -17,6 +17,7 @@ from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.options import Meshing, Run, run_keys
 from meshtrace.errors import Described, Refused, require_keys, require_word, within
 from meshtrace.link import Link, Physics, Source, Whitecaps
+from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Model
 from meshtrace.optics.bubbles import BubblePopulation, HallNovarini
 from meshtrace.optics.phase import FournierForand
@@ -28,7 +29,7 @@ from meshtrace.uav import UAVS, Uav
 
 DEFAULT_WIND_SPEED = 5.0
 
-_UNSHARED = ("physics", "transmitter", "receiver", "planes", "n_air")
+_UNSHARED = ("physics", "transmitter", "receiver", "planes", "objects", "n_air")
 """Keys of the link whose values do not depend on other tables."""
 
 _PRINTED_BUBBLES = {"psi": "paper", "q": 2.0, "depth": "mean_level"}
@@ -252,6 +253,14 @@ def water_config(link: Link) -> Table:
         table = plain(water.spectrum) | table
         del table["kind"]
     return split(table, following)[1]
+
+
+def objects_config(link: Link) -> list[Table] | None:
+    """Return the tables [[objects]] without digests, which follow from the files; None for none."""
+    for body in link.bodies:
+        if isinstance(body.mesh, TriangleMesh):
+            raise Refused("objects", Described("a TriangleMesh"), "meshes of files in a link file")
+    return [split(table, ["sha256"])[1] for table in plain(link.objects)] or None
 
 
 def physics_config(physics: Physics) -> Any:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from meshtrace.engine.bvh import Intersector
 from meshtrace.engine.photons import flight as kernel
 from meshtrace.engine.setup import arrays
+from meshtrace.engine.setup.bodies import body_arrays, scene_of
 from meshtrace.engine.setup.options import BLOCK, Analog, IrradianceMap, Record, read_records
 from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.kernels.rays import NO_BVH
@@ -201,6 +203,7 @@ class Setup(NamedTuple):
 
     frame: arrays.Frame
     intersector: Intersector
+    bodies: Intersector | None
     world: kernel.World
     arrivals: int  # room for those of a photon, 0 where none are recorded
 
@@ -302,9 +305,14 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
             **{name: np.zeros_like(getattr(empty, name)) for name in _SUMS},
         )
         # every thread has tallies and a photon of its own; the surface is shared
-        with setup.intersector.function() as bvh:
-            photon = np.zeros(1, kernel.PHOTON)
-            world = setup.world._replace(first=first, tallies=tallies, bvh=bvh, photon=photon)
+        with ExitStack() as scenes:
+            photon, bodies = np.zeros(1, kernel.PHOTON), setup.world.bodies
+            bvh = scenes.enter_context(setup.intersector.function())
+            if bodies is not None and setup.bodies is not None:
+                bodies = bodies._replace(bvh=scenes.enter_context(setup.bodies.function()))
+            world = setup.world._replace(
+                first=first, tallies=tallies, bvh=bvh, bodies=bodies, photon=photon
+            )
             kernel.follow(first, last, world)
         if not setup.arrivals or int(tallies.n_arrivals[0]) <= room:
             tallies.arrivals["water"] *= setup.frame.unit
@@ -352,12 +360,14 @@ def setup_of(
             # the limit above 0
             roulette = 0.5 * math.exp(-min(link.water.a * depth, 600.0))
     medium = frame.medium(arrays.medium_arrays(link, frame.unit * crest))
+    bodies = scene_of(link, frame)
     world = kernel.World(
         first=0,
         seed=np.uint64(seed),  # numba takes a Python integer for a signed one
         sources=sources,
         surface=surface,
         grid=arrays.grid_arrays(mesh) if intersector.shortcut else arrays.NO_GRID,
+        bodies=None if bodies is None else body_arrays(link, bodies),
         medium=arrays.with_raster(medium, intersector),
         apertures=arrays.aperture_arrays(link, frame),
         interface=arrays.interface_arrays(link),
@@ -371,7 +381,8 @@ def setup_of(
         bvh=NO_BVH,
         photon=np.zeros(1, kernel.PHOTON),
     )
-    return Setup(frame, intersector, world, len(link.receivers) * ("arrivals" in records))
+    room = len(link.receivers) * ("arrivals" in records)
+    return Setup(frame, intersector, bodies, world, room)
 
 
 def new_recorder(photons: int, vertices: int) -> kernel.Recorder:

@@ -1,10 +1,11 @@
 """The analog photon: from the source through the water to the surface and beyond.
 
 `follow` takes photons one after another through flights in the water, crossings of the surface and
-flights in the air until they end. The facet ahead is found on the grid of the mesh where
-`grid_facet` knows it, else by a ray. At the surface light is refracted and reflected; what leaves
-for good is scored at once. Records and steps that joined photons share come first. The slab is the
-layer between the lowest trough and the highest crest.
+flights in the air until they end. A free path ends at a collision, or at a body before it. The
+facet ahead is found on the grid of the mesh where `grid_facet` knows it, else by a ray. At the
+surface light is refracted and reflected; what leaves for good is scored at once. Records and steps
+that joined photons share come first. The slab is the layer between the lowest trough and the
+highest crest.
 
 Names of these kernels: q is the photon under way, a record that is changed in place; p a point, d a
 unit direction; g the normal of a facet and n that which refracts light, both up; u, v uniform
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.kernels import interface, sources, tally
+from meshtrace.kernels.bodies import BodyArrays, first_body, reflected
 from meshtrace.kernels.interface import Interface, MeshArrays, branches
 from meshtrace.kernels.jit import entry, inlined, outlined, record_type
 from meshtrace.kernels.medium import Absorption, Medium, absorption_path, collide, sample_free_path
@@ -58,6 +60,7 @@ PHOTON = record_type(
         ("retry", np.int64),  # rays that missed the surface since the last step
         ("turned", np.int64),  # scatterings, and reflections by the bottom
         ("turned_by", np.int64),  # the last of them: SCATTERED or BOTTOM, DIRECT before the first
+        ("body", np.int64),  # facet of a body at the end of the free path, -1: none
         ("outcome", np.int64),  # RECEIVED or LANDED once light left the sea, else -1
     ]
 )
@@ -76,6 +79,7 @@ class Vertex(IntEnum):
     LANDED = 6
     END = 7
     BRANCH = 8  # start of what the surface has reflected into the water
+    BODY = 9  # reflected by a body
 
 
 class Miss(IntEnum):
@@ -115,6 +119,7 @@ class World(NamedTuple):
     sources: Sources
     surface: MeshArrays
     grid: Grid
+    bodies: BodyArrays | None  # None: kernels of links without bodies compile nothing of them
     medium: Medium
     apertures: tally.Apertures
     interface: Interface
@@ -315,6 +320,7 @@ def cross(q, world):
     free = not world.interface.follow_second_hit or (  # air part meets no wave again
         air.z > 0.0 and (q.z >= world.surface.high[2] or steeper_than_waves(air, world.surface))
     )
+    free = free and _is_clear(q, air, world.bodies)
     # Both parts of the light can be followed only if one of them ends at once; else roulette by
     # their weights.
     if world.interface.fresnel != interface.FresnelMode.WEIGHT or not free:
@@ -371,6 +377,7 @@ def _leave(q, d, g, world):
     put(q, along(place(q), g, _OFFSET))
     if q.in_water == 0:
         q.free = math.inf
+    look_ahead(q, world.bodies)
     if q.crossings >= world.limits.surface_events or q.event >= world.limits.events:
         return Fate.EVENT_LIMIT.value
     return GOES_ON
@@ -433,7 +440,8 @@ def _score_air(q, length, world):
 @inlined
 def _continue(q, u_path, world):
     """Draw the next free path after a collision; end a photon by its limits."""
-    q.free = sample_free_path(world.medium, place(q), u_path)
+    q.free = sample_free_path(world.medium, place(q), u_path) if q.in_water == 1 else math.inf
+    look_ahead(q, world.bodies)
     if q.event >= world.limits.events:
         return Fate.EVENT_LIMIT.value
     return roulette(q, -1.0, world)
@@ -454,6 +462,52 @@ def _meet_sun(q, world):
             if n >= 0:
                 a, cosine = world.tallies.arrivals[n], dot(heading(q), world.back.sun)
                 a.air, a.water = q.z, math.acos(min(max(cosine, -1.0), 1.0))
+
+
+@inlined
+def look_ahead(q, bodies):
+    """End the free path of a photon at the first body in its way."""
+    if bodies is not None:  # an argument: not compiled for links without bodies
+        facet, distance = first_body(place(q), heading(q), bodies)
+        q.body = facet if distance < q.free else -1
+        q.free = min(distance, q.free)
+
+
+@inlined
+def _is_clear(q, d, bodies):
+    """Return whether no body lies in a direction from a photon."""
+    if bodies is None:  # an argument: the rest is not compiled for links without bodies
+        return True
+    facet, _ = first_body(place(q), d, bodies)
+    return facet < 0
+
+
+@inlined
+def _end_path(q, world, bodies):
+    """Apply what ends a free path: a body in its way, or a collision."""
+    if bodies is not None:  # an argument: not compiled for links without bodies
+        if q.body >= 0:
+            return _meet(q, world, bodies)
+    return scatter(q, world)
+
+
+@outlined
+def _meet(q, world, bodies):
+    """Apply the reflection or absorption by the body that a photon has reached."""
+    # weighted by the albedo, as by the bottom
+    remaining = q.weight * bodies.albedo[bodies.body[q.body]]
+    if remaining == 0.0:
+        return Fate.BODY.value
+    set_weight(q, remaining, Fate.BODY.value, world)
+    q.event += 1
+    u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BODY.value)
+    record(world.recorder, q, Vertex.BODY)
+    p, d = reflected(place(q), heading(q), q.body, u_cos, u_phi, bodies)
+    put(q, p)
+    head(q, d)
+    q.turned += 1
+    q.turned_by = tally.BODY
+    return _continue(q, u_path, world)
 
 
 @inlined
@@ -517,6 +571,7 @@ def _start(q, photon, world):
     q.id, q.event, q.crossings, q.facet = photon, 0, 0, -1
     q.in_water, q.retry, q.turned, q.outcome = int(in_water), 0, 0, -1
     q.turned_by = tally.DIRECT
+    look_ahead(q, world.bodies)
     record(world.recorder, q, Vertex.SOURCE)
 
 
@@ -553,6 +608,9 @@ def _settle_miss(q, from_behind, world):
     # t: where the path leaves the slab between the lowest trough and the highest crest
     t = math.inf
     low, high = world.surface.low[2], world.surface.high[2]
+    # in the air a body alone ends a free path
+    if not from_behind and q.in_water == 0 and q.free < math.inf and q.z + q.free * q.dz >= low:
+        return GOES_ON, q.free
     if not from_behind and q.in_water == 0 and q.dz > 0.0:
         return Fate.LANDED.value, 0.0
     if q.in_water == 0:
@@ -604,15 +662,16 @@ def _settle(q, world):
             q.free -= length
             return GOES_ON
     q.retry = 0
+    length = min(t, q.free)
     if q.in_water == 1:
-        fly_water(q, min(t, q.free), world)
-        if q.free < t:
-            return scatter(q, world)
+        fly_water(q, length, world)
     else:
         if world.apertures.any_in_air:
-            _score_air(q, t, world)
-        put(q, along(place(q), heading(q), t))
-        q.air += t
+            _score_air(q, length, world)
+        put(q, along(place(q), heading(q), length))
+        q.air += length
+    if q.free < t:
+        return _end_path(q, world, world.bodies)
     return cross(q, world)
 
 
@@ -638,7 +697,7 @@ def _move(q, world):
             return Fate.ABSORBED.value if world.medium.a > 0.0 else Fate.DEEP.value
         else:
             fly_water(q, q.free, world)
-            fate = scatter(q, world)
+            fate = _end_path(q, world, world.bodies)
         if fate != GOES_ON:
             return fate
 

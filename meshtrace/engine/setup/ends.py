@@ -265,6 +265,9 @@ def _source_reach(depth: float, a: float) -> float:
 
 def require_followable(link: Link) -> None:
     """Refuse features that neither chains nor joined photons follow."""
+    if link.bodies:
+        path = "objects" if link.objects else "water.bottom"
+        raise Refused(path, Described(f"{len(link.bodies)} of them"), f"none; {ANALOG}")
     # the first source and receiver decide for all: one link has one kind of light
     in_air = any(isinstance(t, AirLamp) for t in link.transmitters)
     into_air = any(isinstance(r, Receiver) for r in link.receivers)

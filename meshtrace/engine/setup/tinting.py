@@ -151,6 +151,11 @@ def paths_alone(link: Link, wavelength: int = 0) -> CommonPaths:
     return CommonPaths([link], [wavelength], [1.0], UNTINTED, [link], np.zeros(1))
 
 
+def _albedos(link: Link) -> list[float]:
+    """Return the albedos of the bodies of a link at its wavelength."""
+    return [body.albedo_at(link.transmitters[0].wavelength_nm) for body in link.bodies]
+
+
 def tinting(
     base: Link, links: Sequence[Link], frame: Frame, bases: Sequence[int] = ()
 ) -> Tinting | None:
@@ -170,8 +175,12 @@ def tinting(
     Returns
     -------
     Tinting or None
-        None where the base lacks paths of a link: where it does not scatter, or not by some angle.
+        None where the base lacks paths of a link: where it does not scatter, or not by some angle;
+        and where albedos of bodies differ.
     """
+    # weights do not keep which bodies a path has met
+    if any(_albedos(link) != _albedos(base) for link in links):
+        return None
     # tables go down to the deepest layer; attenuations are scaled by the depth of the deepest end
     layers = [link.water.layers for link in (base, *links)]
     deepest = max((table[-1][0] for table in layers if table), default=0.0)
