@@ -182,22 +182,27 @@ def save_light(
     extent = 0.4 * height if extent is None else extent
     step = extent / _CELLS if step is None else step
     pattern_ends(link, surface, extent, step)  # refuses what has no pattern
+    # all waves that make the light fade: those of a mean gain are longer than most patterns
+    surface = resolve_band(link, surface, fading=True)
     lines, slope = _sea_crossed(link, surface, extent, float(frame_times[0]))
-    # a flat sea has no slopes to scale by: any range will do
-    steepest = _STEEPEST * float(slope.std()) or 0.1
+    # about level water, as a patch within one wave has a slope of its own; a flat sea has no slopes
+    # to scale by: any range will do
+    steepest = _STEEPEST * float(np.sqrt(np.square(slope).mean())) or 0.1
+    first = light_pattern(link, surface, extent, step, time=float(frame_times[0])).gain
+    # the mean of the first frame for all: scaled to the mean of each, caustics would pulse
+    mean = float(first.mean())
+    brightest = min(_BRIGHTEST, max(2.0, 1.3 * float(first.max()) / mean))
     map_ends = [float(x) + np.array([-extent, extent]) for x in link.only_receiver.position]
     maps = (
         _Map(lines, axis_label("slope_x"), water_map(), Normalize(-steepest, steepest)),
-        _Map(map_ends, "gain of unscattered light over its mean"),
+        _Map(
+            map_ends, "gain of unscattered light over its mean", norm=PowerNorm(0.5, 0.0, brightest)
+        ),
     )
-    mean = None
 
     def frames() -> Iterator[_Values]:
-        nonlocal mean
-        for time in map(float, frame_times):
-            gain = light_pattern(link, surface, extent, step, time=time).gain
-            # the mean of the first frame for all: scaled to the mean of each, caustics would pulse
-            mean = mean or float(gain.mean())
+        for i, time in enumerate(map(float, frame_times)):
+            gain = light_pattern(link, surface, extent, step, time=time).gain if i else first
             slope = _sea_crossed(link, surface, extent, time)[1]
             titles = "sea that the light crosses", f"light {height:g} m above it, t = {time:.2f} s"
             yield (slope, gain / mean), titles

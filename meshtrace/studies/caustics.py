@@ -10,6 +10,7 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
 from meshtrace.checks import Inside, check_call
+from meshtrace.engine.backward.background import optical_depth
 from meshtrace.engine.setup.meshing import GAIN_SPACING
 from meshtrace.engine.setup.options import Run, resolve
 from meshtrace.errors import Described, Refused, require_between
@@ -48,8 +49,8 @@ def light_pattern(
     Parameters
     ----------
     link : Link
-        The link: LEDs or isotropic sources in the water, without bubbles; height, radius, axis and
-        field of view of its receiver are used.
+        The link: an LED or isotropic source in the water; height, radius, axis and field of view of
+        its receiver are used.
     surface : Surface
         The sea.
     extent : float
@@ -75,7 +76,8 @@ def light_pattern(
     shortest waves (cubic splines). Their light is shared out between the four nearest cells. Waves
     that the sea leaves out blur the pattern by a Gaussian of the standard deviation
     (n - 1) h sigma along and across the wind, the displacement of steep light by their slopes
-    sigma (`Physics.unresolved`). Light that meets a second wave in the air is not followed.
+    sigma (`Physics.unresolved`). Light that meets a second wave in the air is not followed. Depths
+    of layers and bubbles count from the mean level.
 
     Examples
     --------
@@ -125,8 +127,6 @@ def pattern_ends(link: Link, surface: Any, extent: float, step: float) -> tuple[
     if not isinstance(source, Led | IsotropicSource):
         kinds = ", ".join(t.kind for t in link.transmitters)
         raise Refused("transmitter", Described(kinds), "one LED or isotropic source")
-    if link.bubbles is not None:
-        raise Refused("bubbles", Described(link.bubbles.model_dump()["kind"]), "none")
     if not isinstance(surface, Surface):
         raise Refused("surface", Described(type(surface).__name__), "a sea (Surface)")
     return source, link.only_receiver
@@ -226,8 +226,10 @@ def _landed(
     cos_i = np.clip((ray * normal).sum(axis=-1), 0.0, 1.0)
     n_water, n_air = link.water.n, link.n_air
     flux = _intensity(source, ray) * (ray * area).sum(axis=-1) / way**2
-    # what is scattered once is not in the pattern
-    flux *= np.exp(-(link.water.a + link.water.b) * way)
+    # what is scattered once is not in the pattern; rays are straight through level layers
+    depth = -source.center[2]
+    slant = way / np.maximum(at[..., 2] + depth, 1e-9)
+    flux *= np.exp(-optical_depth(link, depth)(at[..., 2]) * slant)
     flux *= 1.0 - fresnel_reflectance(cos_i, n_water, n_air)
     flux *= link.whitecaps.transmittance if link.whitecaps else 1.0
     out = refract(ray, normal, n_water, n_air)

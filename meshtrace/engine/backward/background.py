@@ -117,7 +117,7 @@ def seen_from_water(
     scene = scene_of(case, mesh, links, days)
     if not scene.direct.any():
         return parts
-    depths = [optical_depth(link) for link in links]
+    depths = [_depth_of_local(link) for link in links]
     through = []  # at each index, the smallest and the largest: radiance over irradiance [sr-1]
     for n in scene.indices.tolist():
         law = Refraction(scene.sun, n)
@@ -130,29 +130,33 @@ def seen_from_water(
     return parts
 
 
-def optical_depth(link: Link) -> Depth:
-    """Return a function that gives the vertical optical depth from the surface to the receiver.
+def optical_depth(link: Link, depth: float) -> Depth:
+    """Return a function that gives the vertical optical depth from the surface to a depth [m].
 
-    Its argument is an array of points (n, 3) of the surface in local coordinates. The water of
-    crests, above the mean level, has no bubbles.
+    Its argument is an array of heights z [m] of the surface, z up from the mean level. The water of
+    crests, above that level, has no bubbles.
     """
-    unit = frame_of(link).unit  # [m] per local unit
-    depth = np.linspace(0.0, -only_aperture(link).center[2], _LEVELS)
-    a, b = link.water.profile(depth)
+    levels = np.linspace(0.0, depth, _LEVELS)
+    a, b = link.water.profile(levels)
     c = a + b
     if link.bubbles is not None:
-        c = c + link.bubbles.b(depth)
-    path = integral(c, depth[1])  # optical depth from the mean level down to each node
+        c = c + link.bubbles.b(levels)
+    path = integral(c, levels[1])  # optical depth from the mean level down to each node
     top = float(a[0] + b[0])  # [m-1]
 
-    def below(points: Floats) -> Floats:
-        z = unit * points[:, 2]
-        # z up from the mean level [m]: a trough lacks the water above it, a crest adds water like
-        # that at the top
-        above = np.interp(np.maximum(-z, 0.0), depth, path)
+    def below(z: Floats) -> Floats:
+        # a trough lacks the water above it, a crest adds water like that at the top
+        above = np.interp(np.maximum(-z, 0.0), levels, path)
         return np.asarray(path[-1] - above + top * np.maximum(z, 0.0))
 
     return below
+
+
+def _depth_of_local(link: Link) -> Depth:
+    """Return the optical depth down to the receiver, by points (n, 3) in local coordinates."""
+    unit = frame_of(link).unit  # [m] per local unit
+    below = optical_depth(link, -only_aperture(link).center[2])
+    return lambda points: below(unit * points[:, 2])
 
 
 def _through_slopes(scene: SeenSea, law: Refraction, view: View, depths: Sequence[Depth]) -> Floats:
