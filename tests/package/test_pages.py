@@ -11,6 +11,9 @@ EVERY = 40  # of the pages of single names, which have one form
 CUT = """return [...document.querySelectorAll("article .highlight-text:not(.columns-more) pre")]
     .filter(e => e.scrollWidth > e.clientWidth).map(e => e.textContent.slice(0, 60))"""
 """Tables of the console that do not fit, on the desk; conf.py names the widths that do."""
+TALL = """return [...document.querySelectorAll(".math-block, pre")]
+    .filter(e => e.scrollHeight > e.clientHeight).map(e => e.textContent.slice(0, 60))"""
+"""Formulas and blocks that are cut off below, or have a scrollbar for a few pixels of height."""
 
 pytestmark = [
     pytest.mark.browser,
@@ -39,6 +42,7 @@ def test_a_page_opens_without_errors_and_fits(browser, page):
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
         found = browser.execute_script("return document.documentElement.scrollWidth")
         assert found <= width, f"{found} px wide at {width} px"
+        assert not browser.execute_script(TALL), f"cut off below at {width} px"
     assert not browser.execute_script(CUT)
     problems = [
         entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"

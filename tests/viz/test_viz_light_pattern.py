@@ -27,6 +27,21 @@ def test_a_picture(tmp_path):
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize("wind", [3.0, 8.0])
+def test_the_pattern_of_a_link_file_is_no_flat_square(tmp_path, wind):
+    """The waves of a mean gain are longer than the pattern, which would be flat."""
+    link = mt.Link(bubbles=mt.HallNovarini(wind_speed=wind))
+    case = mt.Scenario(wind_speed=wind, link=link, surface=JonswapSea(wind_speed=wind)).case()
+    path = viz.save_light(case.link, case.surface, tmp_path / "light.png", step=0.05, extent=2.0)
+    with Image.open(path) as picture:
+        pixels = np.asarray(picture.convert("L"), float)
+    height, width = pixels.shape
+    rows = slice(round(0.2 * height), round(0.8 * height))
+    for left, right in ((0.1, 0.38), (0.6, 0.88)):  # within the sea, and within its light
+        assert pixels[rows, round(left * width) : round(right * width)].std() > 10.0
+
+
+@pytest.mark.thorough
 def test_a_picture_shows_the_sea_of_its_time(tmp_path):
     seas = []
     for time in (0.0, 3.0):
