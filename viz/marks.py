@@ -12,7 +12,7 @@ import math
 import re
 import textwrap
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -99,6 +99,14 @@ def finished(ax: Axes, x: str = "", y: str = "", *, legend: bool = True, **setti
     return ax
 
 
+def _titled(ax: Axes, data: xr.Dataset, quantity: str) -> Axes:
+    """Return axes whose legend of numbers says of what and in which unit they are."""
+    by, legend = data[quantity].dims[0], ax.get_legend()
+    if legend is not None and data[quantity].ndim == 2 and data[by].dtype.kind in "iuf":
+        legend.set_title(label_of(str(by)))
+    return ax
+
+
 def wrapped(label: str) -> str:
     """Return a long label in two lines; TeX and units stay whole."""
     shown = re.sub(r"\\\w+|[${}^_\\]", "", label)
@@ -109,12 +117,11 @@ def wrapped(label: str) -> str:
     return "\n".join(textwrap.wrap(whole, round(0.6 * len(label)))).replace("\0", " ")
 
 
-def note(ax: Axes, text: str) -> None:
-    """Write a short explanation above the right end of axes, once."""
+def note(ax: Axes, text: str, side: Literal["left", "right"] = "right") -> None:
+    """Write a short explanation above an end of axes, once."""
     if text not in (text_drawn.get_text() for text_drawn in ax.texts):
-        ax.annotate(
-            text, (1.0, 1.01), xycoords="axes fraction", ha="right", va="bottom", fontsize=8
-        )
+        where = 0.0 if side == "left" else 1.0, 1.01
+        ax.annotate(text, where, xycoords="axes fraction", ha=side, va="bottom", fontsize=8)
 
 
 # ---- data ------------------------------------------------------------------------------------
@@ -215,7 +222,7 @@ def lines(
         note(ax, f"{'band' if '-' in styles[0] else 'bars'}: ± 2 standard errors")
     if data[data[quantity].dims[-1]].dtype.kind in "iu":
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    return finished(ax, y=quantity, xlabel=label)
+    return _titled(finished(ax, y=quantity, xlabel=label), data, quantity)
 
 
 def band(ax: Axes, line: Line2D, low: Any, high: Any) -> None:
@@ -271,7 +278,7 @@ def bars(
         note(ax, "bars: ± 2 standard errors")
     ax.grid(axis="y" if across else "x", visible=False)
     labels = (quantity, "") if across else (names if counts else "", quantity)
-    return finished(ax, *labels)
+    return _titled(finished(ax, *labels), data, quantity)
 
 
 def heat_map(ax: Axes, x: Any, y: Any, values: Any, label: str, **options: Any) -> Any:

@@ -56,14 +56,24 @@ def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
     highest, receivers = float(gains.max()), [f"receiver {i}" for i in range(len(gains))]
     last = max(np.flatnonzero((gains > _SHOWN * highest).any(axis=0)), default=0)
     # a logarithmic axis has no place for 0
+    gains = gains[:, : last + 1]
     quantities = {"gain": np.where(gains > 0.0, gains, np.nan)}
-    data = marks.dataset(quantities, receiver=receivers, order=range(gains.shape[1]))
+    data = marks.dataset(quantities, receiver=receivers, order=range(last + 1))
     shown = data if len(gains) > 1 else data.isel(receiver=0)
     ax = marks.lines(ax, shown, "gain", ("o:",), lw=0.8)
     if highest > 0.0:
-        ax.set(yscale="log", ylim=(_SHOWN * highest, 2.0 * highest))
+        # below the smallest that is shown there is room for its dot
+        ax.set(yscale="log", ylim=(0.5 * _SHOWN * highest, 2.0 * highest))
     ax.set_xlim(-0.6, last + 0.6)
+    ax.set_title(_gain_in_words(result), loc="left")
     return ax
+
+
+def _gain_in_words(result: GainResult) -> str:
+    """Return the gains of a result with two standard errors as text."""
+    pairs = zip(np.ravel(result.gain), np.ravel(result.gain_stderr), strict=True)
+    words = [f"{gain:.3e} ± {2.0 * error:.1e}" for gain, error in pairs]
+    return "gain " + ", ".join(words[:3]) + (", ..." if len(words) > 3 else "")
 
 
 def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
@@ -322,7 +332,7 @@ def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None
 
 
 def plot_coverage(
-    coverage: CoverageMap | xr.Dataset, *, decibel: bool = False, ax: Axes | None = None
+    coverage: CoverageMap | xr.Dataset, *, decibel: bool = True, ax: Axes | None = None
 ) -> Axes:
     """Plot a coverage map with equal axes, contours, and the place of the highest gain.
 
@@ -334,7 +344,7 @@ def plot_coverage(
     coverage : CoverageMap or xarray.Dataset
         The map, with x, y and gain, and `gain_stderr` for the place of the highest gain.
     decibel : bool
-        Show 10 log10 of the gain, down to 20 dB below the highest one.
+        Show 10 log10 of the gain, down to 20 dB below the highest one, or else the gain itself.
     ax : matplotlib Axes, optional
         Axes to draw on.
 

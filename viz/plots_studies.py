@@ -34,7 +34,25 @@ def plot_comparison(result: studies.Comparison, *, ax: Axes | None = None) -> Ax
     -------
     Axes
     """
-    ax = marks.bars(ax, result.to_dataset(), "gain_ratio_db", across=True)
+    data = result.to_dataset()
+    if ax is None:
+        ax = marks.axes(None)
+        ax.figure.set(
+            figheight=1.2 + 0.45 * len(result.names)
+        )  # [inch] tuned: a line for each link
+    marks.bars(ax, data, "gain_ratio_db", across=True)
+    ratios, errors = (data[f"gain_ratio_db{end}"].to_numpy() for end in ("", "_stderr"))
+    words = [f"{r:+.3g} ± {2.0 * e:.1g} dB" for r, e in zip(ratios, errors, strict=True)]
+    # the first link is what the others are compared with
+    words[0] = f"gain {np.ravel(result.gain)[0]:.3g}"
+    for row, (ratio, text) in enumerate(zip(ratios, words, strict=True)):
+        side = -1 if ratio < 0.0 else 1
+        align = "left" if side > 0 else "right"
+        ax.annotate(
+            text, (ratio, row), (6 * side, 0), textcoords="offset points", ha=align, va="center"
+        )
+    ax.use_sticky_edges = False  # bars would end at the frame, and words outside of it
+    ax.margins(x=0.5)
     ax.axvline(0.0, color=INK, lw=0.8)
     ax.set_xlabel(f"gain over {verbatim(result.names[0])} [dB]")
     return ax
@@ -61,8 +79,14 @@ def plot_duplex(result: studies.Duplex, *, ax: Axes | None = None) -> Axes:
     return marks.finished(marks.lines(ax, data, "gain over its mean"), ylim=(0.0, None))
 
 
+_FITTED = 3  # points that a law of two parameters needs to be seen
+
+
 def plot_convergence(study: studies.ConvergenceStudy, *, ax: Axes | None = None) -> Axes:
     """Plot errors of the gain over the step of a study, with the fitted law.
+
+    The law is drawn between points that exceed twice their standard error, of chains and of
+    placements, three or more; other points are hollow.
 
     Parameters
     ----------
@@ -82,19 +106,35 @@ def plot_convergence(study: studies.ConvergenceStudy, *, ax: Axes | None = None)
         # a logarithmic axis has no place for 0
         scatter = np.where(study.scatter[k] > 0.0, study.scatter[k], np.nan)
         law = np.abs(fit.coefficient * study.step**fit.order.value)
-        errors_percent = percent * np.array([np.abs(study.gain[k] - target), law, scatter])
-        errors = percent * np.array([study.difference_stderr[k], 0.0 * law, 0.0 * law])
-        named = f"{kind} normals, mean: order {fit.order.value:.2f}", "", f"{kind} normals, scatter"
+        mean, stderr = np.abs(study.gain[k] - target), study.mean_stderr[k]
+        above = mean > 2.0 * stderr
+        # a law through noise has any order: it is drawn where points stand above their errors
+        order = "order not resolved"
+        if above.sum() >= _FITTED:
+            order = f"order {fit.order.value:.2f}"
+            law[: np.argmax(above)] = law[len(above) - np.argmax(above[::-1]) :] = np.nan
+        else:
+            law[:] = np.nan
+        errors_percent = percent * np.array([mean, law, scatter])
+        named = f"{kind} normals, mean: {order}", "", f"{kind} normals, scatter"
         n = 3 if np.isfinite(scatter).any() else 2
-        quantities = {"error": errors_percent[:n], "error_stderr": errors[:n]}
+        quantities = {"error": errors_percent[:n]}
+        quantities["error_stderr"] = percent * np.array([stderr, 0.0 * law, 0.0 * law])[:n]
         data = marks.dataset(quantities, curve=named[:n], **{study.parameter: study.values})
         color = list(PALETTE.values())[k]
         marks.lines(ax, data, "error", ("o", "-", "^--"), (color,), lw=1.0, markersize=5)
+        if not above.all():
+            within = np.where(above, np.nan, errors_percent[0])
+            ax.plot(study.values, within, "o", ms=5, mfc="white", mec=color)
+            marks.note(ax, "hollow: within ± 2 standard errors of zero", "left")
     ax.axhline(100.0 * study.tolerance, color="0.5", lw=0.8, ls=":", label="tolerance")
     ax.set(yscale="log", ylabel="error of the gain [%]")
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.yaxis.set_major_formatter("{x:g}")
-    return _over_steps(ax, study.values)
+    _over_steps(ax, study.values)
+    # below: bars reach down to zero anywhere, so that no corner is free
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
+    return ax
 
 
 def plot_fading_convergence(study: studies.FadingConvergence, *, ax: Axes | None = None) -> Axes:

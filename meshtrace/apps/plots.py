@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from matplotlib.axes import Axes
 
 from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused, require_word
+from meshtrace.models import Floats
+from meshtrace.studies.neighbours import DECIBELS
 from meshtrace.viz import marks
 from meshtrace.viz.style import INK, PALETTE, label_of, verbatim
 
@@ -18,15 +22,15 @@ from .measured.suite import MeasuredTable
 from .optimisation import Optimum
 from .traces import ChannelTrace
 
-_COSTS = {
-    "gain": "minus logarithm of the mean gain",
-    "outage": "quantile of ln(needed gain / gain)",
-    "range": "minus range [m]",
-    "margin": "minus logarithm of the margin",
-    "capacity": "minus logarithm of the capacity",
-    "custom": "cost",
+_MERITS: dict[str, tuple[Callable[[Floats], Floats], str]] = {
+    "gain": (lambda cost: -DECIBELS * cost, "mean gain [dB]"),
+    "outage": (lambda cost: -DECIBELS * cost, "gain over that needed, at the quantile [dB]"),
+    "range": (lambda cost: -cost, "range [m]"),
+    "margin": (lambda cost: -DECIBELS * cost, "margin [dB]"),
+    "capacity": (lambda cost: 1e-6 * np.exp(-cost), "capacity [Mbit/s]"),
+    "custom": (lambda cost: cost, "cost"),
 }
-"""Quantity that each objective of an optimisation minimises."""
+"""Quantity of each objective by the cost that an optimisation minimises, and its label."""
 
 
 @check_call
@@ -117,7 +121,7 @@ def plot_lidar(result: LidarResult, *, ax: Axes | None = None) -> Axes:
 
 @check_call
 def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
-    """Plot the cost of all candidates over the first variable, with the best one.
+    """Plot the quantity of all candidates over the first variable, with the best one.
 
     Parameters
     ----------
@@ -131,10 +135,11 @@ def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
     Axes
     """
     ax = marks.axes(ax)
-    ax.plot(o.history[:, 0], o.history[:, -1], "o", ms=4, label="candidates")
-    ax.plot(o.values[0], o.cost, "*", ms=12, color="C1", label="best")
+    merit, label = _MERITS[o.objective]
+    ax.plot(o.history[:, 0], merit(o.history[:, -1]), "o", ms=4, label="candidates")
+    ax.plot(o.values[0], merit(np.array(o.cost)), "*", ms=12, color="C1", label="best")
     ax.axvspan(*o.flatness[0], color="C1", alpha=0.15, label="within one standard error")
-    return marks.finished(ax, xlabel=label_of(o.variables[0]), ylabel=_COSTS[o.objective])
+    return marks.finished(ax, xlabel=label_of(o.variables[0]), ylabel=label)
 
 
 @check_call

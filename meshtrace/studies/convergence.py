@@ -148,6 +148,21 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
         """Standard error of `difference`, the Monte Carlo error left by the common chains."""
         return error_of_groups(self._differences, -1)
 
+    @property
+    def _placement_error(self) -> Floats | None:
+        """Standard error of the means over placements, (kinds, n); None where it is fitted."""
+        placements = self.samples.shape[2]
+        # realizations and time steps have no placements
+        placed = self.parameter == "spacing" and placements > 1
+        # the mean over a lattice of n points errs as 1 / n, not as its root
+        return self.scatter / placements if placed else None
+
+    @property
+    def mean_stderr(self) -> Floats:
+        """Standard error of `difference` by the chains and the placements, shape (kinds, n)."""
+        placing = 0.0 if self._placement_error is None else self._placement_error
+        return np.hypot(self.difference_stderr, placing)
+
     @cached_property
     def fits(self) -> dict[str, Fit]:
         """Fitted law of each kind of normals, with the gain as `Fit.gain`.
@@ -166,15 +181,13 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
         ----------
         L. Eça and M. Hoekstra, J. Comput. Phys. 262, 104 (2014), doi:10.1016/j.jcp.2014.01.006.
         """
-        placements = self.samples.shape[2]
-        # realizations and time steps have no placements: their misfit is fitted
-        placed = self.parameter == "spacing" and placements > 1
+        spread = self._placement_error
         return {
             kind: fit_law(
                 self.step,
                 self._differences[k],
                 float(self.anchor[k]),
-                self.scatter[k] / placements if placed else None,
+                None if spread is None else spread[k],
             )
             for k, kind in enumerate(self.normals)
         }

@@ -51,9 +51,11 @@ def test_the_range_of_a_receiver_in_the_water():
 def test_other_plots_show_the_numbers():
     over = {"transmitter.half_angle_deg": (5.0, 20.0)}
     o = mt.optimize(mt.Link(), FlatSea(), over, "gain", realizations=1, photons=64)
-    x, y = apps.plot_optimum(o).get_lines()[0].get_data()
+    ax = apps.plot_optimum(o)
+    x, y = ax.get_lines()[0].get_data()
     assert np.array_equal(x, o.history[:, 0])
-    assert np.array_equal(y, o.history[:, 1])
+    np.testing.assert_allclose(y, -10.0 / np.log(10.0) * o.history[:, 1])  # what is maximised, up
+    assert ax.get_lines()[1].get_ydata()[0] == pytest.approx(10.0 * np.log10(o.value), rel=1e-9)
     rows = [
         {"transmitter.depth": d, "gain": g, "stderr": 0.02 * g}
         for d, g in ((5.0, 3e-4), (10.0, 6e-5))

@@ -172,14 +172,26 @@ def test_autocorrelation():
 def test_coverage_is_not_transposed(convert):
     gain = np.arange(6.0).reshape(3, 2)
     coverage = mt.CoverageMap(np.array([-1.0, 0.0, 1.0]), np.array([0.0, 1.0]), gain, gain)
-    ax = viz.plot_coverage(convert(coverage))
+    ax = viz.plot_coverage(convert(coverage), decibel=False)
     mesh = ax.collections[0]
     np.testing.assert_array_equal(np.asarray(mesh.get_array()).reshape(2, 3), gain.T)
     assert ax.get_aspect() == 1.0
-    ax = viz.plot_coverage(convert(coverage), decibel=True)
+    ax = viz.plot_coverage(convert(coverage))
     shown = np.ma.filled(ax.collections[0].get_array(), np.nan).reshape(2, 3)
     assert np.isnan(shown[0, 0])
     assert shown[1, 2] == pytest.approx(10.0 * np.log10(5.0))
+
+
+def test_a_legend_of_numbers_says_of_what():
+    depths, times = [1.0, 2.0, 5.0], [0.0, 1.0]
+    data = viz.marks.dataset({"spectral_irradiance": np.ones((3, 2))}, depth=depths, time=times)
+    ax = viz.marks.lines(None, data, "spectral_irradiance")
+    assert legend(ax) == ["1.0", "2.0", "5.0"]
+    assert ax.get_legend().get_title().get_text() == viz.axis_label("depth")
+    named = data.assign_coords(depth=["shallow", "middle", "deep"])
+    assert (
+        not viz.marks.lines(None, named, "spectral_irradiance").get_legend().get_title().get_text()
+    )
 
 
 def test_the_best_place_of_a_map_is_marked_where_it_is_resolved():
@@ -310,10 +322,15 @@ def test_names_along_an_axis_are_those_of_the_parameter():
 
 def test_orders_of_scattering():
     found = mt.simulate(mt.Link(), mt.surfaces.FlatSea(), photons=64)
-    heights = line(viz.plot(found))[1]
+    ax = viz.plot(found)
+    heights = line(ax)[1]
     np.testing.assert_allclose(heights[0], found.gain_ballistic)
-    shown = found.gain_order[0][found.gain_order[0] > 0.0]
-    np.testing.assert_allclose(heights[1:], shown)
+    n = len(heights) - 1
+    np.testing.assert_allclose(heights[1:], found.gain_order[0][:n])
+    # all dots are in the frame, and those left out are below it
+    assert ax.get_ylim()[0] < heights.min()
+    assert (found.gain_order[0][n:] <= 2e-6 * heights.max()).all()
+    assert ax.get_title("left").startswith(f"gain {found.gain:.3e} ± ")
 
 
 def test_comparison():
@@ -322,6 +339,8 @@ def test_comparison():
     ax = viz.plot(found)
     assert [bar.get_width() for bar in ax.patches] == pytest.approx(found.ratio_db.tolist())
     assert [text.get_text() for text in ax.get_yticklabels()] == ["a", "b"]
+    ratio, error = found.ratio_db[1], found.ratio_db_stderr[1]
+    assert f"{ratio:+.3g} ± {2.0 * error:.1g} dB" in [text.get_text() for text in ax.texts]
 
 
 def test_convergence_shows_the_errors_and_the_law_of_a_study():
@@ -331,7 +350,7 @@ def test_convergence_shows_the_errors_and_the_law_of_a_study():
         spec=ConvergenceStudy,
         parameter="spacing", values=spacing, step=spacing, normals=("vertex",),
         gain=1e-4 + 5e-5 * spacing[None] ** 2, anchor=np.array([1e-4]), reference="analytic",
-        difference_stderr=np.full((1, 4), 1e-9), scatter=np.full((1, 4), np.nan),
+        mean_stderr=np.full((1, 4), 1e-9), scatter=np.full((1, 4), np.nan),
         fits={"vertex": law}, tolerance=1e-3,
     )  # fmt: skip
     ax = viz.plot_convergence(study)
@@ -340,6 +359,15 @@ def test_convergence_shows_the_errors_and_the_law_of_a_study():
     percent = 100.0 / study.gain[0, -1]
     np.testing.assert_allclose(law.get_ydata(), percent * 5e-5 * spacing**2)
     assert ax.get_xlabel() == viz.axis_label("spacing")
+    study.mean_stderr = np.array([[1e-9, 1e-9, 1e-9, 1e-6]])  # the finest step is noise
+    curves = viz.plot_convergence(study).get_lines()
+    law = next(curve for curve in curves if curve.get_linestyle() == "-")
+    assert np.isfinite(law.get_ydata()).tolist() == [True, True, True, False]
+    hollow = next(curve for curve in curves if curve.get_markerfacecolor() == "white")
+    assert np.isfinite(hollow.get_ydata()).tolist() == [False, False, False, True]
+    study.mean_stderr = np.full((1, 4), 1e-6)
+    ax = viz.plot_convergence(study)
+    assert legend(ax)[0] == "vertex normals, mean: order not resolved"
 
 
 def test_impulse_response():
