@@ -74,7 +74,13 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
     """
     answer = session.answer("gain")
     empty: dict[str, Any] = dict.fromkeys(("gain", "db", "unscattered", "chains"), "–")
-    empty |= {"notes": [], "value": None, "lean": _lean(session.state)}
+    empty |= {
+        "notes": [],
+        "value": None,
+        "lean": _lean(session.state),
+        "verdict": "",
+        "verdict_text": "",
+    }
     if isinstance(answer, Failed):
         return empty | _NO_BITS | {"notes": [str(answer)]}
     if not isinstance(answer, Signal):
@@ -97,7 +103,33 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
         now = float(np.interp(session.state.time, series.time, series.gain))
         if len(gaps) and gaps.min() < 1.0 / FADING_RATE:  # not within a gap of the series
             reading |= {"value": now, "gain": f"{now:.3e}", "db": decibels(now)}
-    return reading | _bits(answer)
+    moving = series if isinstance(series, Fading) and session.fresh("fading") else None
+    return reading | _bits(answer) | verdict(answer, moving)
+
+
+def verdict(signal: Signal, series: Fading | None) -> dict[str, str]:
+    """Return whether a link closes, fades or is dead, with a reason in words.
+
+    A link fades if it closes on average and some gain of the series is too low for it.
+    """
+    if signal.detector is None:
+        return {}
+    margin = _margin(signal.detector, signal)
+    if not margin >= 0.0:
+        lacking = f"{minus(f'{margin:.1f}')} dB" if np.isfinite(margin) else "no light suffices"
+        return {"verdict": "dead", "verdict_text": f"Dead: {lacking}"}
+    if series is not None and len(series.gain):
+        # the margin is in optical decibels, those of the gain
+        needed = signal.gain.gains[0] * 10.0 ** (-0.1 * margin)
+        short = float((series.gain < needed).mean())
+        if short > 0.0:
+            return {"verdict": "fades", "verdict_text": f"Fades: too dark in {100.0 * short:.2g} %"}
+    return {"verdict": "closes", "verdict_text": f"Closes: {margin:.1f} dB to spare"}
+
+
+def _margin(detector: OokLink, signal: Signal) -> float:
+    """Return the optical margin of the mean gain [dB]."""
+    return float(link_budget(detector, signal.gain.gain, LIMIT).margin_optical_db)
 
 
 def _lean(state: State) -> str:
@@ -116,7 +148,7 @@ def _bits(signal: Signal) -> dict[str, str]:
                        (signal.gain.gain, signal.gain.gain_stderr))  # fmt: skip
     share = error / received if received > 0.0 else 0.0
     required = detector.required_power(LIMIT)
-    margin = float(link_budget(detector, signal.gain.gain, LIMIT).margin_optical_db)
+    margin = _margin(detector, signal)
     return {
         "power": f"{power(received)} ± {100.0 * share:{'.0f' if share > 0.095 else '.1g'}} %",
         "required": power(required) if np.isfinite(required) else "none suffices",

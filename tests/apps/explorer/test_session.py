@@ -50,6 +50,7 @@ def test_gain_and_bits_are_those_of_the_library(session):
     assert shown["power"].startswith(f"{readings.power(power)} ± ")
     assert shown["required"] == readings.power(1e-3 * 10.0 ** (0.1 * budget.required_dbm))
     assert shown["margin"] == f"{budget.margin_optical_db:+.1f} dB".replace("-", "−")
+    assert shown["verdict"] == ("closes" if budget.margin_optical_db >= 0.0 else "dead")
     assert shown["db"] == f"−{-10 * np.log10(expected.gain):.2f} dB"
 
 
@@ -310,3 +311,22 @@ def test_warnings_are_notes_of_their_gain(session):
         mt.simulate(session.state.scenario, photons=8192)
     assert any(issubclass(w.category, mt.FewSamplesWarning) for w in caught)
     assert session.answer("gain").notes == tuple(" ".join(str(w.message).split()) for w in caught)
+
+
+@pytest.mark.filterwarnings("ignore::meshtrace.FewSamplesWarning")  # of the dead link
+def test_a_link_closes_fades_or_is_dead():
+    """The verdict is that of the margin, and of the darkest moments of a moving sea."""
+    link = mt.Link()
+    detector = mt.OokLink.of_link(link, bit_rate=1e6)
+    gain = mt.simulate(link, mt.surfaces.FlatSea(), photons=64)
+    signal = stages.Signal(gain, detector=detector)
+    margin = float(link_budget(detector, gain.gain, 1e-3).margin_optical_db)
+    assert margin > 3.0
+    spared = {"verdict": "closes", "verdict_text": f"Closes: {margin:.1f} dB to spare"}
+    times, needed = np.arange(4.0), gain.gain * 10.0 ** (-0.1 * margin)
+    assert readings.verdict(signal, None) == spared
+    assert readings.verdict(signal, stages.Fading(times, np.full(4, 1.1 * needed))) == spared
+    dark = stages.Fading(times, needed * np.array([0.9, 1.1, 2.0, 2.0]))
+    assert readings.verdict(signal, dark)["verdict_text"] == "Fades: too dark in 25 %"
+    deep = mt.simulate(link.at_depth(120.0), mt.surfaces.FlatSea(), photons=64)
+    assert readings.verdict(stages.Signal(deep, detector=detector), None)["verdict"] == "dead"
