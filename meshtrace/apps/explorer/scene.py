@@ -33,15 +33,15 @@ from meshtrace.viz.water import (
 CELLS = 120
 """Cells of the sea along a side."""
 
-UNSCATTERED_COLOR, SCATTERED_COLOR = "#FFD34D", PALETTE["purple"]
+SCATTERED_COLOR = PALETTE["purple"]
 
 COLORS = {
     "lamp and beam": "var(--lamp)",
     "receiver and view": RECEIVER_COLOR,
-    "unscattered light": UNSCATTERED_COLOR,
+    "unscattered light": "var(--received)",
     "scattered light": SCATTERED_COLOR,
 }
-"""Key of the scene: parts and their colours; that of the lamp is the colour of its light."""
+"""Key of the scene: parts and their colours; lamp and unscattered light have that of the light."""
 
 _LEAST_IRRADIANCE = 1e-4  # of daylight rather than moon or night [W m-2 nm-1]
 _DUSK = Daylight(direct=0.25, diffuse=1.0, sun_zenith_deg=80.0, sun_azimuth_deg=118.0)
@@ -50,6 +50,7 @@ _CLOUD_TINT = (0.5, 0.52, 0.56)
 _LEAST_INSIDE = (0.25, 0.32, 0.5)  # of the light in the water, which the eye would take time to see
 _MOST_INSIDE = 0.02  # share of it that turbid water returns: a beam is brighter
 _TEXELS = 256
+_CORE = 0.5  # share of white in rays of received light: brighter than the beam around them
 _NEW_FRAME = (0.6, 1.1)  # sizes of the stage, relative to that framed, that keep the camera
 _NEW_SQUARE = (0.75, 1.25)  # half-widths, relative to that of the present sea, that keep it
 _OFF_CENTER = 0.2  # distance of the centres, over the half-width, that keeps it
@@ -68,6 +69,12 @@ def light_color(wavelength_nm: float) -> tuple[float, float, float]:
     """
     red, green, blue = (float(np.interp(wavelength_nm, _NM, c)) for c in np.transpose(_COLORS))
     return red, green, blue
+
+
+def _shade(source: Source, white: float) -> str:
+    """Return the colour of the light of a lamp with a share of white."""
+    color = white + 0.9 * np.array(light_color(source.wavelength_nm))
+    return to_hex(to_srgb(np.minimum(color, 1.0)))
 
 
 class LiveScene:
@@ -116,10 +123,15 @@ class LiveScene:
         self._set("time", state.time)
         if not running:
             stage = self.stage
+            link = state.scenario.link
+            ends = (*link.transmitters, *link.receivers)
+            # depths are read at the distance of the first end that is in the water
+            deep = next((end.center for end in ends if end.center[2] < 0.0), stage.center)
             self._set("stage", {"center": stage.center, "half": stage.half, "top": stage.top,
-                                "bottom": stage.bottom, "framing": self._framing})  # fmt: skip
+                                "bottom": stage.bottom, "framing": self._framing,
+                                "pole": list(deep[:2])})  # fmt: skip
             self._set("look", self._look(state, mesh))
-            self._set("link", _link(state.scenario.link, stage))
+            self._set("link", _link(link, stage))
 
     def frame_anew(self) -> None:
         """Reset the camera at the next link."""
@@ -165,7 +177,6 @@ class LiveScene:
         lamp, receiver = link.transmitters[0], link.receivers[0]
         room = 0.05 * (stage.top - stage.bottom)  # for the marks of lamp and receiver
         low, high = stage.bottom - room, stage.top + room
-        color = np.minimum(0.12 + 0.9 * np.array(light_color(lamp.wavelength_nm)), 1.0)
         return {
             "side": {
                 "frame": {"x0": x - half, "x1": x + half, "y0": low, "y1": high},
@@ -179,7 +190,8 @@ class LiveScene:
                 "receiver": _end(receiver, (0, 1), 0.0, 1.0),
                 "wind": getattr(state.scenario.surface, "wind_direction_deg", None),
             },
-            "lamp_color": to_hex(to_srgb(color)),
+            "lamp_color": _shade(lamp, 0.12),
+            "received_color": _shade(lamp, _CORE),
         }
 
     def _set(self, name: str, value: Any) -> None:
@@ -345,7 +357,7 @@ def _link(link: Link, stage: Stage) -> dict[str, Any]:
             scale = (far + plane * n) ** 2 * math.exp(link.water.c * far) / n**2
         else:
             scale = (far - plane / n) ** 2 * math.exp(-link.water.c * plane)
-    colors = {"receiver": RECEIVER_COLOR, "unscattered": UNSCATTERED_COLOR,
+    colors = {"receiver": RECEIVER_COLOR, "unscattered": _shade(link.transmitters[0], _CORE),
               "scattered": SCATTERED_COLOR}  # fmt: skip
     return {
         "lamps": lamps, "receivers": receivers, "carried": [list(c) for c in parts.carried(link)],

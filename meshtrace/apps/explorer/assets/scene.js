@@ -321,8 +321,14 @@
       gl.depthMask(true);
       solid(m.disk, [...m.link.colors.receiver, 1], 0);
       for (const lamp of lamps) {
-        this.bind(this.use("lamp", { ...all, center: lamp.at, color: m.link.color, size: 46 * ratio }), []);
-        gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+        // first behind all: a lamp whose sea hides it shines through faintly
+        gl.disable(gl.DEPTH_TEST);
+        for (const strength of [0.4, 1]) {
+          const color = m.link.color.map((part) => strength * part);
+          this.bind(this.use("lamp", { ...all, center: lamp.at, color, size: 46 * ratio }), []);
+          gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+          gl.enable(gl.DEPTH_TEST);
+        }
       }
       gl.disable(gl.SCISSOR_TEST);
     }
@@ -364,22 +370,27 @@
         return Object.entries(axes).map(([name, v]) => ({ name, x: 24 * dot(v, right), y: -24 * dot(v, up) }));
       },
       ruler() {
-        // Marks of z along the leftmost edge of the block, of state B where two are compared.
+        // Marks of z on a pole at the left of the block, of state B where two are compared. It stands as
+        // far away as the lamp: marks at another distance would read 13 to 21 % wrong in perspective.
         if (!this.view || !this.stage) return [];
-        const { center: [x, y], half: h, bottom } = this.stage, { matrix } = cameraOf(this.view, this.aspect);
-        const wide = this.two ? this.w / 2 : this.w, left = this.w - wide;
-        const at = (p) => {
-          const q = [0, 1, 3].map((i) => matrix[i] * p[0] + matrix[4 + i] * p[1] + matrix[8 + i] * p[2] + matrix[12 + i]);
-          return q[2] > 0 ? [left + ((q[0] / q[2] + 1) / 2) * wide, ((1 - q[1] / q[2]) / 2) * this.h] : [1e4, 1e4];
-        };
-        const edge = [[-h, -h], [-h, h], [h, -h], [h, h]].map(([i, j]) => [x + i, y + j]).sort((a, b) => at([...a, 0])[0] - at([...b, 0])[0])[0];
+        const { center: [x, y], half: h, bottom, pole } = this.stage, left = this.two ? this.w / 2 : 0;
+        // right is level: all that it leads to from the lamp is at one height of the picture
+        const [rx, ry] = eyeOf(this.view).right, corners = [[-h, -h], [-h, h], [h, -h], [h, h]];
+        const aside = Math.min(...corners.map(([i, j]) => (x + i - pole[0]) * rx + (y + j - pole[1]) * ry));
+        const edge = [pole[0] + aside * rx, pole[1] + aside * ry];
         const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000].find((v) => -bottom / v <= 4.5) ?? 2000, marks = [];
-        for (let z = 0; z >= bottom - 1e-9; z -= step) marks.push({ z: Number(z.toFixed(2)), at: at([...edge, z]) });
+        for (let z = 0; z >= bottom - 1e-9; z -= step) marks.push({ z: Number(z.toFixed(2)), at: this.onScreen([...edge, z]) });
         const side = marks.some((m) => m.at[0] < left + 40) ? 1 : -1; // within the block where there is no room beside it
         return marks.map((m) => ({ ...m, side })).filter(({ at: [u, v] }) => u > left && u < this.w && v > 60 && v < this.h - 30);
       },
     },
     methods: {
+      onScreen(p) {
+        // Place of a point on the screen [px], in state B where two are compared; far off behind the eye.
+        const { matrix } = cameraOf(this.view, this.aspect), wide = this.two ? this.w / 2 : this.w;
+        const q = [0, 1, 3].map((i) => matrix[i] * p[0] + matrix[4 + i] * p[1] + matrix[8 + i] * p[2] + matrix[12 + i]);
+        return q[2] > 0 ? [this.w - wide + ((q[0] / q[2] + 1) / 2) * wide, ((1 - q[1] / q[2]) / 2) * this.h] : [1e4, 1e4];
+      },
       show(parts) {
         if (!this.painter || !(this.stage || parts.stage)) return; // a running sea before the whole scene
         this.painter.take("now", parts);
@@ -497,6 +508,8 @@
           @pointerup="stop" @pointercancel="stop" @keydown="key" @dblclick="home"></canvas>
         <p v-if="problem" class="mt-problem" role="alert">{{ problem }}</p>
         <svg class="mt-over" aria-hidden="true">
+          <line v-if="ruler.length > 1" id="pole" :x1="ruler[0].at[0]" :y1="ruler[0].at[1]"
+            :x2="ruler[ruler.length - 1].at[0]" :y2="ruler[ruler.length - 1].at[1]" />
           <g v-for="m in ruler" :key="m.z"><line :x1="m.at[0]" :x2="m.at[0] + (m.side < 0 ? -6 : 3)" :y1="m.at[1]" :y2="m.at[1]" />
             <text :x="m.at[0] + 9 * m.side" :y="m.at[1] + 4" :text-anchor="m.side < 0 ? 'end' : 'start'">{{ m.z === 0 ? "0 m" : "−" + -m.z }}</text></g>
           <g :transform="'translate(' + (w - 46) + ',' + (h - 62) + ')'" class="mt-gizmo">
