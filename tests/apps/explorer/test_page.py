@@ -758,26 +758,3 @@ def test_the_ruler_reads_the_depth_of_the_lamp(browser):
     assert lamp[2] == -10.0
     assert heights[-10] == pytest.approx(at[1], abs=1.0)
     assert all(mark["at"][0] <= at[0] for mark in marks)
-
-
-def test_a_lamp_behind_the_sea_shines_through(browser):
-    sized(browser, 1400, 1000)
-    browser.execute_script("trame.state.set('depth', 1); trame.state.set('height', 2)")
-    until(
-        lambda: (
-            browser.execute_script("return trame.refs.scene.painter.models.now.link.lamps[0].at[2]")
-            == -1.0
-        ),
-        "not moved",
-    )
-    time.sleep(2.0)  # until it is drawn in full
-    x, y, ratio = browser.execute_script(
-        "const scene = trame.refs.scene, box = scene.$el.getBoundingClientRect();"
-        "const at = scene.onScreen(scene.painter.models.now.link.lamps[0].at);"
-        "return [box.x + at[0], box.y + at[1], window.devicePixelRatio]"
-    )
-    with Image.open(io.BytesIO(browser.get_screenshot_as_png())) as picture:
-        pixels = np.asarray(picture.convert("L"), float)
-    i, j = round(y * ratio), round(x * ratio)
-    around = pixels[i - 60 : i + 60, j - 60 : j + 60]
-    assert pixels[i - 3 : i + 4, j - 3 : j + 4].mean() > np.median(around) + 15.0

@@ -321,14 +321,8 @@
       gl.depthMask(true);
       solid(m.disk, [...m.link.colors.receiver, 1], 0);
       for (const lamp of lamps) {
-        // first behind all: a lamp whose sea hides it shines through faintly
-        gl.disable(gl.DEPTH_TEST);
-        for (const strength of [0.4, 1]) {
-          const color = m.link.color.map((part) => strength * part);
-          this.bind(this.use("lamp", { ...all, center: lamp.at, color, size: 46 * ratio }), []);
-          gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
-          gl.enable(gl.DEPTH_TEST);
-        }
+        this.bind(this.use("lamp", { ...all, center: lamp.at, color: m.link.color, size: 46 * ratio }), []);
+        gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
       }
       gl.disable(gl.SCISSOR_TEST);
     }
