@@ -63,8 +63,9 @@ class SlopeSpectrum(NamedTuple):
         capillary: bool = True,
     ) -> SlopeSpectrum:
         """Return the slopes of waves up to a frequency, or of all waves down to 1.3 mm."""
-        # a hundredth of the peak's wavenumber is a tenth of its frequency (omega^2 = g k), where
-        # spectra have underflowed
+        # A hundredth of the peak's wavenumber is a tenth of its frequency (omega^2 = g k), where a
+        # single peak has underflowed. The slopes of a swell that is lower still are negligible:
+        # k^2 is 1e-4 of that at the peak.
         low = 1e-2 * spectrum.omega_p**2 / GRAVITY
         k = np.geomspace(low, SHORTEST, _WAVENUMBERS)
         omega = angular_frequency(k, depth, capillary)
@@ -638,9 +639,9 @@ def _quadrature(
     Range("omega_min", 0.0, unit="rad/s", closed=True).check(omega_min)
     top = _HIGHEST * peak if omega_max is None else omega_max
     Range("omega_max", omega_min, unit="rad/s").check(top)
-    # Every spectrum has underflowed to zero below a twentieth of its peak; an upper limit that is
-    # lower still leaves a panel.
-    low = max(omega_min, min(_LOWEST * peak, 0.5 * top))
+    # Every spectrum has underflowed to zero below a twentieth of its lowest peak; an upper limit
+    # that is lower still leaves a panel.
+    low = max(omega_min, min(_LOWEST * spectrum.lowest_peak, 0.5 * top))
     # a set, since a limit may be the peak, where the enhancement has its kink
     joints = np.log(sorted({low, min(max(low, peak), top), top}))
     nodes, weights = gauss_legendre(_NODES)
