@@ -122,7 +122,8 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
             options["time"] = self.time
         statistics = fading_statistics(gain, common_stderr=mean_stderr, **options)
         # of gains without any spread, such as 0 everywhere, the share is 0 or 1, not 0 / 0
-        notes, share = statistics.notes, own_noise / max(float(gain.var()), own_noise, 1e-300)
+        variance = max(float(gain.var(ddof=1)), own_noise, 1e-300)
+        notes, share = statistics.notes, own_noise / variance
         if self.along == "time" and share >= _NOISE_REPORTED:
             note = f"Monte Carlo noise is {100.0 * share:.0f} % of the variance: increase photons"
             notes = (*notes, note)

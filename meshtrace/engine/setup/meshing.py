@@ -265,16 +265,15 @@ def _curvature(
     if isinstance(surface, WaveSum):
         k2, slopes = _slopes_by_wave(surface)
         return math.sqrt(float(np.sum(slopes * k2))), math.sqrt(float(np.sum(slopes * k2**2)))
-    # Differences of the exact slopes on a grid over the patch. Mixed second differences are left
-    # out, so that the third derivative of waves along a diagonal is too small by sqrt(2).
+    # differences of the exact slopes on a grid over the patch
     step = half / _NODES
     x, y = (middle + np.linspace(-half, half, 2 * _NODES + 1) for middle in center)
     slopes = np.stack(surface.slopes(*np.meshgrid(x, y, indexing="ij"), time))  # (2, x, y)
-    first, second = (
-        sum(float(np.mean(np.diff(slopes, n, axis=axis) ** 2)) for axis in (1, 2)) for n in (1, 2)
-    )
+    along = [np.diff(slopes, axis=axis) for axis in (1, 2)]
+    second = sum(float(np.mean(d**2)) for d in along)
+    third = sum(float(np.mean(np.diff(d, axis=axis) ** 2)) for d in along for axis in (1, 2))
     # the mean runs over the two components of the slope as well: twice the mean is their sum
-    return math.sqrt(2.0 * first) / step, math.sqrt(2.0 * second) / step**2
+    return math.sqrt(2.0 * second) / step, math.sqrt(2.0 * third) / step**2
 
 
 def _accurate_spacing(link: Link, curvature: float, curvature_change: float, tilts: float) -> float:
