@@ -252,6 +252,7 @@ def test_tiles_give_the_light_of_one_grid(below, monkeypatch):
 
 
 @pytest.mark.thorough
+@pytest.mark.slow_but("8.0")
 @pytest.mark.parametrize("wind", [5.0, 8.0])
 def test_a_small_collector_counts_the_rays_that_hit_it(wind):
     radius, depth, n = 0.0035, 1.0, 1.33 / mt.Link().n_air

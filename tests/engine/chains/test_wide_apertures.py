@@ -224,7 +224,7 @@ def random_mesh(rng, link, seed):
 @pytest.mark.parametrize(
     ("first", "links", "photons"),
     [
-        pytest.param(1000, 20, 500_000, marks=pytest.mark.thorough),
+        pytest.param(1000, 10, 500_000, marks=pytest.mark.thorough),
         pytest.param(0, 500, 1_500_000, marks=pytest.mark.slow),
     ],
 )
