@@ -367,11 +367,6 @@ class Elfouhaily(Spectrum, frozen=True):
         return peak * (B_l + B_h) / k**3
 
 
-def sea_state(spectrum: Spectrum) -> dict[str, float]:
-    """Return peak frequency and wind speed, as the keywords of `Spreading.density`."""
-    return {"omega_p": spectrum.omega_p, "wind_speed": spectrum.wind_speed}
-
-
 @check_call
 def peak_enhancement(
     x: Floats, gamma: NonNegative, sigma_a: Positive = 0.07, sigma_b: Positive = 0.09

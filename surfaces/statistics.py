@@ -18,7 +18,7 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.quadrature import gauss_legendre
 
 from .parameters import WIND_SPEED, Floats, Mss, Range, Variances
-from .spectra import Elfouhaily, Spectrum, elfouhaily_delta, sea_state
+from .spectra import Elfouhaily, Spectrum, elfouhaily_delta
 from .spreadings import Spreading
 from .waves import GRAVITY, WaveComponents, angular_frequency, wavenumber
 
@@ -79,7 +79,10 @@ class SlopeSpectrum(NamedTuple):
         variance = weight * np.gradient(omega, np.log(k)) * k**2 * spectrum(omega)
         theta = (np.arange(_SPREADING_NODES) + 0.5) * 2.0 * math.pi / _SPREADING_NODES - math.pi
         sampled = np.unique(np.linspace(0, len(k) - 1, _SPREADING_WAVENUMBERS).astype(int))
-        density = spreading.density(omega[sampled, None], theta, **sea_state(spectrum))
+        wind_speed, omega_p = spectrum.wind_speed, spectrum.omega_p
+        density = spreading.density(
+            omega[sampled, None], theta, omega_p=omega_p, wind_speed=wind_speed
+        )
         density = density / density.sum(axis=1, keepdims=True)
         at_sampled = _product(np.cos(np.arange(_HARMONICS + 3)[:, None] * theta), density)
         harmonics = np.stack([np.interp(np.log(k), np.log(k[sampled]), row) for row in at_sampled])

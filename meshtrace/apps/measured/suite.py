@@ -164,11 +164,16 @@ class Experiment(Model, frozen=True):
         records = [row | {"along": along} for row in records]
         return cls.model_validate({"name": folder.name, "rows": records} | texts)
 
-    def predict(self, photons: float, **changed: Any) -> tuple[Floats, Floats]:
-        """Return the computed values of the rows and their standard errors."""
+    def predict(
+        self, photons: float, changed: dict[str, Any] | None = None
+    ) -> tuple[Floats, Floats]:
+        """Return the computed values of the rows and their standard errors.
+
+        `changed` are unknown inputs by name, in place of their nominal values.
+        """
         room, name = self.prediction.split(":")
         function = getattr(import_module(f"{__package__}.{room}"), name)
-        inputs = {u.name: u.nominal for u in self.unknowns} | changed
+        inputs = {u.name: u.nominal for u in self.unknowns} | (changed or {})
         predictions = [function(row, photons, **inputs) for row in self.rows]
         value, stderr = np.array([v if isinstance(v, tuple) else (v, 0.0) for v in predictions]).T
         return value, stderr
@@ -361,7 +366,7 @@ def _compared(experiment: Experiment, photons: float) -> Iterator[tuple[Any, ...
     """Yield the rows of the table in the order of its fields, computed with all unknown inputs."""
     value, stderr = experiment.predict(photons)
     ends = {
-        u.name: np.array([experiment.predict(photons, **{u.name: v})[0] for v in u.others])
+        u.name: np.array([experiment.predict(photons, {u.name: v})[0] for v in u.others])
         for u in experiment.unknowns
     }
     band = band_of(value, stderr, ends)

@@ -86,8 +86,8 @@ class Frame(NamedTuple):
             return medium
         # optical depths have no unit: tables of integrals stay as they are
         scaled = {name: getattr(medium, name) * self.unit for name in _PER_LENGTH}
-        lengths = {name: getattr(medium, name) / self.unit for name in _LENGTHS}
-        return medium._replace(**scaled, **lengths)
+        scaled |= {name: getattr(medium, name) / self.unit for name in _LENGTHS}
+        return medium._replace(**scaled)
 
 
 IDENTITY = Frame(0.0, 0.0, 1.0)
