@@ -634,7 +634,7 @@ def _allowed_alone(error: Any) -> str:
 
 
 def allowed_by(error: Mapping[str, Any], cls: type[pydantic.BaseModel] | None = None) -> str:
-    """Return the allowed values of one of pydantic's errors, in a model or of a single value."""
+    """Describe the values that a pydantic error allows, for a model field or a single value."""
     kind, context = error["type"], error.get("ctx", {})
     if kind == "literal_error":
         return str(context["expected"].replace("'", ""))

@@ -95,7 +95,7 @@ def reading(path: str | PathLike[str], allowed: str = ALLOWED) -> Iterator[None]
 def opened(
     path: str | PathLike[str], most: int | None = MOST_BYTES, decode_times: bool = True
 ) -> Iterator[xr.Dataset]:
-    """Yield the lazy dataset of a netCDF or HDF5 file whose sizes were checked.
+    """Open a netCDF or HDF5 file lazily, after a check of its sizes.
 
     Parameters
     ----------

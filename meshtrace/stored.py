@@ -97,7 +97,7 @@ Without attributes, those of the name in `fields.toml` apply.
 
 
 class Elsewhere:
-    """Field that is not stored, or that its class writes and reads itself."""
+    """Field that is not stored, or is written and read by its class."""
 
     def write(self, value: Any) -> Variables:
         """Return no variables."""
@@ -109,7 +109,7 @@ class Elsewhere:
 
 
 class Variable:
-    """Array or number with its dimensions and its name in files, by default that of the field.
+    """Array or number with its dimensions and its name in files (default: the field's).
 
     Units and long name are those of the name in `fields.toml`. A value with fewer dimensions than
     `dims` has the first of them.
@@ -289,7 +289,7 @@ def described(kind: Any) -> dict[str, tuple[Any, Any]]:
 
 
 def variables_of(item: Any) -> Variables:
-    """Return the variables of a result or part: its fields, and those of its `_derived`."""
+    """Return the variables of a result or part: its fields and its `_derived` ones."""
     variables = Variables()
     for name, (_, description) in described(type(item)).items():
         value = getattr(item, name)
@@ -544,7 +544,7 @@ def load(path: str | Path) -> Stored:
 
 
 def kind_of(kind: Any, name: str = "kind") -> type[Stored]:
-    """Return the class of a kind of results; `name` is the dataset or file in messages.
+    """Return the class of a kind of result; `name` is the dataset or file in messages.
 
     Raises
     ------

@@ -386,7 +386,7 @@ def _peak_shape(
 
 @lru_cache
 def _peak_integral(tail: float, *enhancement: float) -> float:
-    """Return the integral of `_peak_shape` over x, split at its kink x = 1; it is 0 below 0.1."""
+    """Integrate `_peak_shape` over x > 0.1 (zero below), split at its kink x = 1."""
     from scipy.integrate import quad
 
     return sum(

@@ -601,7 +601,7 @@ def _moved(kind: type[Any], end: Any, place: Any) -> Any:
 
 
 def _axis(kind: type[Any]) -> tuple[str, str]:
-    """Return the names of the two angles of the axis of a kind of end."""
+    """Return the names of the two axis angles of a kind of end."""
     water = issubclass(kind, WaterSource)
     return ("zenith_deg", "azimuth_deg") if water else ("tilt_deg", "tilt_azimuth_deg")
 

@@ -271,7 +271,7 @@ def relative_errors(gain: Floats, stderr: Floats) -> Floats:
 
 
 def as_high(gain: Floats, stderr: Floats) -> NDArray[np.bool_]:
-    """Return a mask of the cells of a map (nx, ny) whose gain may be as high as the highest one.
+    """Return a mask of the cells (nx, ny) whose gain may equal the highest, within errors.
 
     Their difference from it is within its error, as of independent gains, at 95 % confidence for
     all cells together: which of many noisy cells is the highest is partly chance.

@@ -162,7 +162,7 @@ class Campaign(NamedTuple):
         return nullcontext() if self.cluster is None else self.cluster.keep_workers()
 
     def for_link(self, link: Link, name: str = "link") -> Campaign:
-        """Return the campaign of another link, whose name no other in the same store may have."""
+        """Return the campaign of another link, under a name unique within the store."""
         return self._replace(links={name: link})
 
     def identity(self) -> dict[str, Any]:
@@ -259,7 +259,7 @@ class Campaign(NamedTuple):
         return mesh_lines(joint, surface, self.meshing, reach, FADING_SPACING, self.fine_patch)
 
     def require_change_of_sides(self) -> None:
-        """Refuse links whose ends lie on one side, which photons follow but no chains."""
+        """Refuse links with both ends on one side: photons follow them, chains do not."""
         for link in self.links.values():
             link.require_change_of_sides()
 

@@ -200,7 +200,7 @@ def _is_narrow(link: Link, f: Footprint) -> bool:
 def _resolving(
     link: Link, surface: SurfaceModel, f: Footprint, per_wave: float, time: float, fine_patch: float
 ) -> Footprint:
-    """Return a footprint whose fine part resolves the waves where unscattered light crosses.
+    """Refine a footprint to resolve the waves where unscattered light crosses.
 
     Outside, each spacing is 10 % wider than the last (`triangulate.GROWTH`). A footprint that would
     need more than `_MOST_IN_PATCH` facets stays as it is.
@@ -331,7 +331,7 @@ def _require_size(f: Footprint, meshing: Meshing) -> None:
 
 
 def require_cover(link: Link, mesh: TriangleMesh) -> None:
-    """Refuse a mesh that does not cover all ends, or whose waves reach a source or a receiver."""
+    """Refuse a mesh that misses an end horizontally, or whose waves reach one."""
     low, high = mesh.bounds
     for path, item in link.items():
         x, y, z = item.center
