@@ -124,7 +124,7 @@ class Experiment(Model, frozen=True):
         Part of the source that was read.
     kind : {"number", "in kind"}
         Whether numbers are compared, or a law, a trend, an order of magnitude.
-    tests, measured, unreported, found : str
+    tests, measured, unreported, findings : str
         What the row tests; what was measured and how; what the source does not report; what
         agrees, what does not, and why.
     prediction : str
@@ -144,7 +144,7 @@ class Experiment(Model, frozen=True):
     tests: _Text
     measured: _Text
     unreported: _Text
-    found: _Text
+    findings: _Text
     prediction: Annotated[str, Field(pattern=r"^\w+:\w+$")]
     abscissa: _Text
     ordinate: _Text
@@ -268,7 +268,7 @@ class MeasuredTable(Stored, kind="measured", title="meshtrace measured against c
     dominant: _Words
     provenance: dict[str, Any]
 
-    def rows(self) -> list[tuple[str, ...]]:
+    def text_rows(self) -> list[tuple[str, ...]]:
         """Return the rows of the table as texts."""
         return [
             (
@@ -293,7 +293,7 @@ class MeasuredTable(Stored, kind="measured", title="meshtrace measured against c
 
     def summary(self) -> str:
         """Return the table and the counts as text for a terminal."""
-        return f"{text_table(self.rows(), HEADINGS)}\n\n{self._headline()}"
+        return f"{text_table(self.text_rows(), HEADINGS)}\n\n{self._headline()}"
 
     def save(self, path: str | Path) -> None:
         """Write the table as netCDF, or as CSV if the name ends in .csv."""
