@@ -20,7 +20,7 @@ from meshtrace.studies import Variant, neighbours
 from meshtrace.studies.keys import parameters
 from meshtrace.studies.neighbours import error_of, without_each
 from meshtrace.surfaces import Band, FlatSea, JonswapSea
-from meshtrace.uav.tilt import TiltFactors
+from meshtrace.uav import TiltFactors
 
 REFERENCE = json.loads(
     (Path(__file__).parents[1] / "data" / "sensitivity_reference.json").read_text()
