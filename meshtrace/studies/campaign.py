@@ -192,11 +192,12 @@ class Campaign(NamedTuple):
         if flight.wind is not None:
             return flight.wind
         owner = self.scenario or self.surface
-        # the wind of a scenario, of the spectrum of a sea, or of a sea itself
-        speed = getattr(getattr(owner, "spectrum", owner), "wind_speed", None)
-        if speed is None:
+        # the wind of a scenario, of the spectrum of a sea, of a sea itself, or the highest of a sum
+        seas = [getattr(sea, "spectrum", sea) for sea in getattr(owner, "parts", (owner,))]
+        speeds = [speed for sea in seas if (speed := getattr(sea, "wind_speed", None)) is not None]
+        if not speeds:
             raise Refused("flight.wind", None, "a wind, over a sea without wind speed")
-        return Dryden(wind_speed=speed, height=self.link.air_end[1].height)
+        return Dryden(wind_speed=max(speeds), height=self.link.air_end[1].height)
 
     def flight(self, flight: Flight | None) -> Flight | None:
         """Return the aircraft of a study, by default the one in its scenario, checked."""
