@@ -425,8 +425,7 @@ def _several(kind: Any, parts: tuple[Any, ...], limits: _Limits) -> Any:
     made = tuple if kind is tuple else list
     fixed = kind is tuple and ... not in parts
     numbers = [part for part in parts if part is not ...]
-    plain = [get_args(part)[0] if get_origin(part) is Annotated else part for part in numbers]
-    if all(part is float for part in plain):  # one array is quicker to check than many numbers
+    if all(part is float for part in numbers):  # one array is quicker to check than many numbers
         return _plain(_numbers, limits, made, len(parts) if fixed else None)
     kinds = tuple(_typed(part, limits) for part in numbers)
     several: Any = list[kinds[0]]  # type: ignore[valid-type]
@@ -635,7 +634,7 @@ def _allowed_alone(error: Any) -> str:
 
 
 def allowed_by(error: Mapping[str, Any], cls: type[pydantic.BaseModel] | None = None) -> str:
-    """Return the allowed values of one of pydantic's errors, in a model or of a single value."""
+    """Describe the values that a pydantic error allows, for a model field or a single value."""
     kind, context = error["type"], error.get("ctx", {})
     if kind == "literal_error":
         return str(context["expected"].replace("'", ""))

@@ -146,7 +146,7 @@ def extra(
 
 @contextmanager
 def refusing(field: str, allowed: str) -> Iterator[None]:
-    """Turn any error of a block, such as those of file readers, into a refusal of a field."""
+    """Turn any error in a block, such as a file reader's, into a refusal of a field."""
     try:
         yield
     except (Refused, Warning):
@@ -183,7 +183,7 @@ def require_whole(value: Any, low: int, high: int, path: str, allowed: str = "")
 
 
 def require_kind(value: Any, kind: type | UnionType, path: str) -> None:
-    """Refuse all but instances of a class, or of one of the classes of `kind | None`."""
+    """Refuse anything but an instance of `kind` (a class or union)."""
     if not isinstance(value, kind):
         name = (get_args(kind) or (kind,))[0].__name__
         raise Refused(path, Described(type(value).__name__), f"a {name}")

@@ -11,7 +11,7 @@ from meshtrace.errors import did_you_mean
 def attach(
     package: str, file: str
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Return `__getattr__`, `__dir__` and `__all__` of a package from the stub beside its file.
+    """Return `__getattr__`, `__dir__` and `__all__` of a package, read from its stub.
 
     Parameters
     ----------

@@ -71,7 +71,7 @@ Member = TypeVar("Member")  # class of a family
 if TYPE_CHECKING:
 
     class Converted(Generic[Stored, Accepted]):
-        """Field whose constructor accepts other types than it holds, for type checkers alone.
+        """Field that accepts further types in the constructor, for type checkers only.
 
         By the rules of `dataclass_transform`, a constructor takes what the `__set__` of a
         descriptor takes. At run time such a field is an `Annotated` type with a pydantic validator.
@@ -338,7 +338,7 @@ def _shown(value: Any) -> str:
 
 
 def _is_plain(value: Any) -> bool:
-    """Return whether a value has neither a unit nor a magnitude to be refused, by its exact type.
+    """Check by exact type that a value needs no test of unit or magnitude.
 
     This takes a tenth of the time of the search for units. False only asks for that search.
     """
@@ -572,7 +572,7 @@ def trusting(trust: bool = True) -> Iterator[None]:
 
 
 def modules_of(text: str) -> list[str]:
-    """Return the modules of users' classes whose kinds occur in a text.
+    """Return the modules of user-defined classes whose kinds occur in a text.
 
     Another process must import them, by `import_modules`, before it can read the text.
     """

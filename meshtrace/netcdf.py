@@ -93,9 +93,9 @@ def reading(path: str | PathLike[str], allowed: str = ALLOWED) -> Iterator[None]
 
 @contextmanager
 def opened(
-    path: str | PathLike[str], most: int | None = MOST_BYTES, **options: Any
+    path: str | PathLike[str], most: int | None = MOST_BYTES, decode_times: bool = True
 ) -> Iterator[xr.Dataset]:
-    """Yield the lazy dataset of a netCDF or HDF5 file whose sizes were checked.
+    """Open a netCDF or HDF5 file lazily, after a check of its sizes.
 
     Parameters
     ----------
@@ -103,8 +103,8 @@ def opened(
         Regular file: netCDF-4, HDF5 or classic netCDF.
     most : int, optional
         Bound on the size of all arrays [B]; None where they are read in parts.
-    **options
-        Options of `xarray.open_dataset`.
+    decode_times : bool
+        Whether numbers in units such as "days since 1970-01-01" are read as dates.
 
     Raises
     ------
@@ -121,8 +121,10 @@ def opened(
         # HDF5 files that were not written as netCDF do not name their dimensions
         hdf5: dict[str, Any] = {"engine": "h5netcdf", "phony_dims": "sort"}
         engine: dict[str, Any] = {"engine": "scipy"} if is_classic else hdf5
-        engine["decode_timedelta"] = False  # a wave period in s remains a number
-        with xr.open_dataset(path, **(engine | options)) as data:
+        # a wave period in s remains a number
+        with xr.open_dataset(
+            path, decode_times=decode_times, decode_timedelta=False, **engine
+        ) as data:
             yield data
 
 

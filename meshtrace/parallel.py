@@ -90,7 +90,7 @@ def import_path() -> str:
 
 @contextmanager
 def safe_processes() -> Iterator[None]:
-    """Start all Pythons of a block as safely as `python_start`, also those of other packages."""
+    """Start all Python processes of a block, other packages' included, like `python_start`."""
     before = {name: os.environ.get(name) for name in _SAFE}
     os.environ.update(_SAFE)
     try:

@@ -97,7 +97,7 @@ Without attributes, those of the name in `fields.toml` apply.
 
 
 class Elsewhere:
-    """Field that is not stored, or that its class writes and reads itself."""
+    """Field that is not stored, or is written and read by its class."""
 
     def write(self, value: Any) -> Variables:
         """Return no variables."""
@@ -109,7 +109,7 @@ class Elsewhere:
 
 
 class Variable:
-    """Array or number with its dimensions and its name in files, by default that of the field.
+    """Array or number with its dimensions and its name in files (default: the field's).
 
     Units and long name are those of the name in `fields.toml`. A value with fewer dimensions than
     `dims` has the first of them.
@@ -289,7 +289,7 @@ def described(kind: Any) -> dict[str, tuple[Any, Any]]:
 
 
 def variables_of(item: Any) -> Variables:
-    """Return the variables of a result or part: its fields, and those of its `_derived`."""
+    """Return the variables of a result or part: its fields and its `_derived` ones."""
     variables = Variables()
     for name, (_, description) in described(type(item)).items():
         value = getattr(item, name)
@@ -362,14 +362,16 @@ class Stored(ABC):
         return data
 
     @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any, **fields: Any) -> Self:
+    def _restored(
+        cls, data: xr.Dataset, provenance: Any, derived: dict[str, Any] | None = None
+    ) -> Self:
         """Return the result of a dataset of this kind; attributes that it lacks have defaults.
 
-        `fields` are those that are neither in its variables nor in its attributes.
+        `derived` are fields that are neither in its variables nor in its attributes.
         """
         if cls._step_name:
             data = data.rename({data.attrs[cls._step_name]: "step"})
-        return cls(**{**fields_of(cls, data), **fields, "provenance": provenance})
+        return cls(**fields_of(cls, data) | (derived or {}) | {"provenance": provenance})
 
     def _check(self) -> None:  # noqa: B027
         """Raise an error for values that no study writes; anybody can compute a valid digest."""
@@ -491,7 +493,9 @@ class Stacked(Stored):
         return data.assign_coords({name: (dim, np.asarray(labels), attrs(name))})
 
     @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any, **fields: Any) -> Self:
+    def _restored(
+        cls, data: xr.Dataset, provenance: Any, derived: dict[str, Any] | None = None
+    ) -> Self:
         (dim, name), kind = cls._along, kind_of(data.attrs["of"])
         each = zip(np.atleast_1d(data.attrs["each"]), provenance, strict=True)
         results = [
@@ -540,7 +544,7 @@ def load(path: str | Path) -> Stored:
 
 
 def kind_of(kind: Any, name: str = "kind") -> type[Stored]:
-    """Return the class of a kind of results; `name` is the dataset or file in messages.
+    """Return the class of a kind of result; `name` is the dataset or file in messages.
 
     Raises
     ------
@@ -581,7 +585,7 @@ def write_dataset(data: xr.Dataset, path: str | Path) -> None:
     for variable in data.variables.values():
         # filters, such as the checksum, need chunks: no scalars and no empty arrays
         numbers = variable.size > 0 and variable.ndim > 0 and variable.dtype.kind in "biufc"
-        variable.encoding = {"_FillValue": None, **({"fletcher32": True} if numbers else {})}
+        variable.encoding = {"_FillValue": None} | ({"fletcher32": True} if numbers else {})
     # in memory: HDF5 may crash where it cannot write to the disk
     buffer = io.BytesIO()
     store = H5NetCDFStore(h5netcdf.File(buffer, "w"))
@@ -594,15 +598,15 @@ def write_dataset(data: xr.Dataset, path: str | Path) -> None:
 
 
 @check_call
-def read_dataset(path: str | PathLike[str], **options: Any) -> xr.Dataset:
+def read_dataset(path: str | PathLike[str], decode_times: bool = True) -> xr.Dataset:
     """Read a netCDF file into memory.
 
     Parameters
     ----------
     path : path
         Regular file, netCDF-4 or classic netCDF.
-    **options
-        Options of `xarray.open_dataset`.
+    decode_times : bool
+        Whether numbers in units such as "days since 1970-01-01" are read as dates.
 
     Raises
     ------
@@ -612,7 +616,7 @@ def read_dataset(path: str | PathLike[str], **options: Any) -> xr.Dataset:
     with reading(path):
         if _is_damaged(path):
             raise OSError("damaged: its checksum differs")
-        with opened(path, **options) as data:
+        with opened(path, decode_times=decode_times) as data:
             return data.load()
 
 

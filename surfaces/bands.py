@@ -16,7 +16,7 @@ from meshtrace.models import Model
 from meshtrace.quadrature import gauss_legendre
 
 from .parameters import Floats, Positive, Range, named_or_given
-from .spectra import Jonswap, Spectrum, sea_state
+from .spectra import Jonswap, Spectrum
 from .spreadings import Spreading
 
 PER_OCTAVE = 16
@@ -114,8 +114,10 @@ class Band(Model, frozen=True):
         assert self.d_omega is not None
         centers = self.omega_min + self.d_omega * np.arange(self.bins)
         theta = direction_grid(spreading.half_range, self.d_theta)
-        state = sea_state(spectrum)
-        shares = direction_weights(spreading, centers, theta, self.d_theta, **state)
+        shares = direction_weights(
+            spreading, centers, theta, self.d_theta,
+            omega_p=spectrum.omega_p, wind_speed=spectrum.wind_speed,
+        )  # fmt: skip
         # the paper's rule: density at the frequency of the wave times the distance of waves
         variance = (spectrum(centers) * self.d_omega)[:, None] * shares
         omega = np.broadcast_to(centers[:, None], shares.shape)
@@ -253,7 +255,9 @@ def drawn_waves(edges: Edges, d_theta: float, spectrum: Spectrum, spreading: Spr
     theta = low[:, None] + cell[:, None] * 0.5 * (nodes + 1.0)
     # the spreading of a bin is that of its geometric middle
     center = np.sqrt(edges[:-1] * edges[1:])[:, None]
-    density = spreading.density(center, theta.ravel(), **sea_state(spectrum))
+    density = spreading.density(
+        center, theta.ravel(), omega_p=spectrum.omega_p, wind_speed=spectrum.wind_speed
+    )
     shares = (density.reshape(len(width), *theta.shape) * weights).sum(axis=2) * cell
     # whatever the error of the quadrature, a bin keeps its variance
     shares /= shares.sum(axis=1, keepdims=True)

@@ -14,7 +14,7 @@ from meshtrace.errors import DomainWarning, Refused
 
 from .parameters import Floats, Mss
 from .seas import MeasuredSea
-from .spectra import Elfouhaily, sea_state
+from .spectra import Elfouhaily
 from .spectra_files import read_spectrum
 from .spreadings import ElfouhailySpreading
 from .statistics import components_slope_variance, cox_munk
@@ -197,7 +197,9 @@ def _with_tail(table: _Table, wind_speed: float) -> _Table:
     density = spectrum(centers) * (ratio + (1.0 - ratio) * octaves)
     # the spreading takes angles from -pi to pi off the mean direction
     turned = np.remainder(table.theta - _mean_direction(table) + np.pi, 2.0 * np.pi) - np.pi
-    spread = ElfouhailySpreading().density(centers[:, None], turned, **sea_state(spectrum))
+    spread = ElfouhailySpreading().density(
+        centers[:, None], turned, omega_p=spectrum.omega_p, wind_speed=spectrum.wind_speed
+    )
     shares = spread / spread.sum(axis=1, keepdims=True)
     energy = (density * np.diff(edges))[:, None] * shares
     freq = np.concatenate([table.freq, centers / (2.0 * np.pi)])

@@ -284,7 +284,7 @@ def interaction_kernels(
 
 @check_call
 def with_bound_waves(free: WaveComponents, omega_max: float, most: int) -> WaveComponents:
-    r"""Return waves with the bound waves of all pairs of them up to a frequency.
+    r"""Add the bound waves of all pairs up to a frequency.
 
     .. math::
 

@@ -292,7 +292,7 @@ class _BandedSea(RandomSea, frozen=True):
 
     @property
     def short_waves(self) -> _BandedSea:
-        """The sea, with Elfouhaily's spectrum in place of one with an omega^-5 tail.
+        """The sea, with an omega^-5 spectrum replaced by Elfouhaily's.
 
         Such a tail, fitted up to some 3 omega_p, is no model of short waves: its slope variance
         grows without limit. Wind, fetch, depth, current, seed and nonlinearity are kept.
@@ -304,7 +304,7 @@ class _BandedSea(RandomSea, frozen=True):
 
     @property
     def for_fading(self) -> _BandedSea | None:
-        """The sea whose short waves make light fade; None if this sea is to stay as it is.
+        """The sea with the short waves that make light fade; None to keep this sea.
 
         It stays if its waves are chosen, by `omega_max`, by `waves`, or by `mss` = "band" (no waves
         beyond them). A spectrum with an omega^-5 tail gives way to `short_waves` if wind and fetch

@@ -89,13 +89,14 @@ class Spectrum(Family, ABC, frozen=True):
             If a frequency is negative or not finite.
         """
 
-    def _raised(self, omega: ArrayLike, peak: float | None = None) -> Floats:
-        """Return checked frequencies [rad s-1], none below `_LOWEST` of the peak, where S is 0.
+    @property
+    def lowest_peak(self) -> float:
+        """Frequency below which there is no peak [rad s-1]: `omega_p` unless there are several."""
+        return self.omega_p
 
-        `peak` is the lowest one [rad s-1] of a spectrum that has several, by default `omega_p`.
-        """
-        lowest = _LOWEST * (self.omega_p if peak is None else peak)
-        return np.maximum(finite_array("omega", omega, 0.0), lowest)
+    def _raised(self, omega: ArrayLike) -> Floats:
+        """Return checked frequencies [rad s-1], none below `_LOWEST` of the peak, where S is 0."""
+        return np.maximum(finite_array("omega", omega, 0.0), _LOWEST * self.lowest_peak)
 
 
 class Jonswap(Spectrum, frozen=True):
@@ -366,11 +367,6 @@ class Elfouhaily(Spectrum, frozen=True):
         return peak * (B_l + B_h) / k**3
 
 
-def sea_state(spectrum: Spectrum) -> dict[str, float]:
-    """Return peak frequency and wind speed, as the keywords of `Spreading.density`."""
-    return {"omega_p": spectrum.omega_p, "wind_speed": spectrum.wind_speed}
-
-
 @check_call
 def peak_enhancement(
     x: Floats, gamma: NonNegative, sigma_a: Positive = 0.07, sigma_b: Positive = 0.09
@@ -390,7 +386,7 @@ def _peak_shape(
 
 @lru_cache
 def _peak_integral(tail: float, *enhancement: float) -> float:
-    """Return the integral of `_peak_shape` over x, split at its kink x = 1; it is 0 below 0.1."""
+    """Integrate `_peak_shape` over x > 0.1 (zero below), split at its kink x = 1."""
     from scipy.integrate import quad
 
     return sum(
@@ -543,8 +539,13 @@ class OchiHubble(Spectrum, frozen=True):
 
     def __call__(self, omega: ArrayLike) -> Floats:
         """Return S(omega) [m2 s rad-1]."""
-        first, second = self._parts(self._raised(omega, 2.0 * math.pi / max(self.tp)))
+        first, second = self._parts(self._raised(omega))
         return first + second
+
+    @property
+    def lowest_peak(self) -> float:
+        """Frequency 2 pi / tp of the longer period [rad s-1]."""
+        return 2.0 * math.pi / max(self.tp)
 
     def _parts(self, omega: Floats) -> list[Floats]:
         """Return the two terms of S(omega) [m2 s rad-1]."""
@@ -627,7 +628,7 @@ class Torsethaugen(Spectrum, frozen=True):
 
     def __call__(self, omega: ArrayLike) -> Floats:
         """Return S(omega) [m2 s rad-1]."""
-        omega = self._raised(omega, 2.0 * math.pi / max(peak.tp for peak in self.peaks))
+        omega = self._raised(omega)
         density = np.zeros_like(omega)
         for peak in self.peaks:
             # below a tenth of the peak the density has underflowed, and f^-4 would overflow
@@ -636,6 +637,11 @@ class Torsethaugen(Spectrum, frozen=True):
             scale = peak.hs**2 / 16.0 * peak.tp / (2.0 * math.pi * total)
             density = density + scale * _peak_shape(f, 4.0, peak.gamma)
         return density
+
+    @property
+    def lowest_peak(self) -> float:
+        """Frequency of the peak of the longer period [rad s-1]."""
+        return 2.0 * math.pi / max(peak.tp for peak in self.peaks)
 
     @cached_property
     def peaks(self) -> tuple[_Peak, _Peak]:
@@ -776,6 +782,11 @@ class TabulatedSpectrum(Spectrum, frozen=True):
     def omega_p(self) -> float:
         """Frequency of the highest density [rad s-1]."""
         return self.omega[int(np.argmax(self.density))]
+
+    @property
+    def lowest_peak(self) -> float:
+        """Frequency of the first row, below which the density is 0 [rad s-1]."""
+        return self.omega[0]
 
     def __call__(self, omega: ArrayLike) -> Floats:
         """Return S(omega) [m2 s rad-1] at angular frequencies >= 0 [rad s-1]."""

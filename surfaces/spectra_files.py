@@ -194,7 +194,7 @@ def _without_attributes(dataset: xarray.Dataset) -> xarray.Dataset:
 
 
 def _check_text(source: Any) -> None:
-    """Refuse files whose content is too large, compressed ones by their content."""
+    """Refuse files whose (uncompressed) content is too large."""
     sources = list(source) if isinstance(source, list | tuple) else [source]
     for path in sources:
         if not isinstance(path, str | PathLike):

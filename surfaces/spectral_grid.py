@@ -160,7 +160,7 @@ def _round_the_circle(direction: Floats, density: Floats) -> tuple[Floats, Float
 
 
 def _checked(freq: Floats, direction: Floats, density: Floats) -> GriddedSpectrum:
-    """Return a spectrum of positive frequencies whose densities are finite, not negative, not 0."""
+    """Return a checked spectrum: frequencies > 0, densities finite, >= 0 and not all 0."""
     is_zero = (freq == 0.0) & ~(np.nan_to_num(density) > 0.0).any(axis=1)  # the mean level
     freq, density = freq[~is_zero], density[~is_zero]
     measured = np.flatnonzero(~np.isnan(density).all(axis=1))

@@ -18,7 +18,7 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.quadrature import gauss_legendre
 
 from .parameters import WIND_SPEED, Floats, Mss, Range, Variances
-from .spectra import Elfouhaily, Spectrum, elfouhaily_delta, sea_state
+from .spectra import Elfouhaily, Spectrum, elfouhaily_delta
 from .spreadings import Spreading
 from .waves import GRAVITY, WaveComponents, angular_frequency, wavenumber
 
@@ -63,8 +63,9 @@ class SlopeSpectrum(NamedTuple):
         capillary: bool = True,
     ) -> SlopeSpectrum:
         """Return the slopes of waves up to a frequency, or of all waves down to 1.3 mm."""
-        # a hundredth of the peak's wavenumber is a tenth of its frequency (omega^2 = g k), where
-        # spectra have underflowed
+        # A hundredth of the peak's wavenumber is a tenth of its frequency (omega^2 = g k), where a
+        # single peak has underflowed. The slopes of a swell that is lower still are negligible:
+        # k^2 is 1e-4 of that at the peak.
         low = 1e-2 * spectrum.omega_p**2 / GRAVITY
         k = np.geomspace(low, SHORTEST, _WAVENUMBERS)
         omega = angular_frequency(k, depth, capillary)
@@ -78,7 +79,10 @@ class SlopeSpectrum(NamedTuple):
         variance = weight * np.gradient(omega, np.log(k)) * k**2 * spectrum(omega)
         theta = (np.arange(_SPREADING_NODES) + 0.5) * 2.0 * math.pi / _SPREADING_NODES - math.pi
         sampled = np.unique(np.linspace(0, len(k) - 1, _SPREADING_WAVENUMBERS).astype(int))
-        density = spreading.density(omega[sampled, None], theta, **sea_state(spectrum))
+        wind_speed, omega_p = spectrum.wind_speed, spectrum.omega_p
+        density = spreading.density(
+            omega[sampled, None], theta, omega_p=omega_p, wind_speed=wind_speed
+        )
         density = density / density.sum(axis=1, keepdims=True)
         at_sampled = _product(np.cos(np.arange(_HARMONICS + 3)[:, None] * theta), density)
         harmonics = np.stack([np.interp(np.log(k), np.log(k[sampled]), row) for row in at_sampled])
@@ -638,9 +642,9 @@ def _quadrature(
     Range("omega_min", 0.0, unit="rad/s", closed=True).check(omega_min)
     top = _HIGHEST * peak if omega_max is None else omega_max
     Range("omega_max", omega_min, unit="rad/s").check(top)
-    # Every spectrum has underflowed to zero below a twentieth of its peak; an upper limit that is
-    # lower still leaves a panel.
-    low = max(omega_min, min(_LOWEST * peak, 0.5 * top))
+    # Every spectrum has underflowed to zero below a twentieth of its lowest peak; an upper limit
+    # that is lower still leaves a panel.
+    low = max(omega_min, min(_LOWEST * spectrum.lowest_peak, 0.5 * top))
     # a set, since a limit may be the peak, where the enhancement has its kink
     joints = np.log(sorted({low, min(max(low, peak), top), top}))
     nodes, weights = gauss_legendre(_NODES)

@@ -375,7 +375,7 @@ def _read_grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Floats, NDArra
 
 
 def _merged(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the distinct vertices that facets use, in their order, and the facets of them."""
+    """Merge equal vertices, drop unused ones, and renumber the facets."""
     import pandas as pd
 
     # corner: index of every corner of a facet into the used vertices
@@ -438,7 +438,7 @@ def _outline(n: int, faces: NDArray[np.int64], cross: Floats, overhangs: bool) -
 
 
 def _refuse_count(what: str, wrong: NDArray[np.bool_], total: int) -> None:
-    """Refuse a source with wrong facets or edges, and say how many they are."""
+    """Refuse a source with wrong facets or edges, with their number."""
     count = np.count_nonzero(wrong)
     if count:
         raise unfit(f"{count} of {total} {what}", "a height field that faces up")

@@ -460,7 +460,7 @@ class WaveGrid:
         return factor
 
     def _transformed(self, weights: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return transforms of the waves, or of them and their mirror images, (m, nx, ny)."""
+        """Return transforms (m, nx, ny) of the waves, with mirror images if asked."""
         # by a plan that no other thread uses
         idle = self._idle.setdefault(weights.shape, [])
         try:

@@ -168,7 +168,7 @@ def section(experiment) -> str:
 
 ![Measured values beside computed bands]({picture})
 
-*Found.* {experiment.found}
+*Found.* {experiment.findings}
 """
 
 
@@ -181,7 +181,7 @@ def main() -> None:
     table = measured.MeasuredTable.load(sys.argv[1]) if sys.argv[1:] else measured.run()
     rows = [
         [f"[{name}](#{name})", *(cell.replace("|", "/") for cell in cells)]
-        for name, *cells in table.rows()
+        for name, *cells in table.text_rows()
     ]
     script = "docs/scripts/make_measured_table.py"
     about = f"Version {version('meshtrace')}, `{script}`; {table._headline()}."

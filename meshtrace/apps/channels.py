@@ -135,7 +135,7 @@ def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[Floats, dict[str, An
 
 
 def _memory_note(statistics: dict[str, Any], model: Floats, cause: str) -> list[str]:
-    """Return a note if the autocorrelation of a model deviates from that of its series."""
+    """Note a deviation between the autocorrelations of model and series."""
     deviation = model - statistics["autocorrelation"]
     worst = int(np.argmax(np.abs(deviation)))
     # a difference within three standard errors may be chance
@@ -575,7 +575,7 @@ def _transformed(rho: Floats, power: Floats) -> Floats:
 
 
 def _fade_correlation(rho: Floats, share: float) -> Floats:
-    """Return the correlations of the fade indicator (1 in a fade) for those of the Gaussian series.
+    """Map correlations of the Gaussian series to correlations of the fade indicator (1 in a fade).
 
     Fades fill `share` of the time; `rho` ascend from -1 to 1. With dr = cos(angle) d(angle),
     r = sin(angle), the integrand of `TransformedGaussian` loses its poles at r = -1 and 1.

@@ -561,7 +561,7 @@ class ScatteredLight:
             self.sunlight = self._level * self._share
 
     def _traced(self, record: list[Any]) -> GainResult:
-        """Trace a pencil of sunlight whose unscattered ray meets the plane at x = y = 0.
+        """Trace a pencil of sunlight aimed at x = y = 0 of the plane.
 
         Each call traces the same photons, so that a map agrees with the plane.
         """

@@ -300,7 +300,7 @@ def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
 
 
 def _gains_of_piece(campaign: Campaign, steps: Steps) -> Callable[[int], Floats]:
-    """Return the function that gives the gains of a piece by its first frame.
+    """Return a function from the first frame of a piece to its gains.
 
     Sums of each shift over the frames, shape (shifts, links, receivers), stand before gain, error
     and unscattered part of each frame, shape (frames, 3, links, receivers); all as one row.

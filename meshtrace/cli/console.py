@@ -90,7 +90,7 @@ _AHEAD = "import sys; from meshtrace.cli.console import compile_ahead as f; f(*s
 
 @contextmanager
 def compiling_ahead(scenario: Scenario) -> Iterator[None]:
-    """Compile kernels in a second process during a block that would compile all of them in turn.
+    """Compile kernels in a second process, in parallel with the block.
 
     The second process begins with the kernels that evaluate chains, the block with those that draw
     them: numba compiles one function at a time in a process. Both save what they compile, and load
@@ -181,7 +181,7 @@ def check_output(output: Path | None, *inputs: Path | None, option: str = "--out
 
 
 def _named_files(link: Path) -> Iterator[Path]:
-    """Yield every string in a link file as a path: those of its files are among them."""
+    """Yield every string in a link file as a path; the paths of its files are among them."""
     from meshtrace.scenario.files import parse_toml, read_text
 
     def texts(part: Any) -> Iterator[str]:

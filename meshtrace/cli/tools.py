@@ -169,7 +169,7 @@ def _measured(quick: bool, case: str | None, output: Path | None, json_: bool) -
     with console.named_steps(len(names), "comparing", kernels="analog", quiet=json_) as step:
         table = measured.run(names, quick=quick, progress=step)
     if json_:
-        entries = [dict(zip(measured.HEADINGS, row, strict=True)) for row in table.rows()]
+        entries = [dict(zip(measured.HEADINGS, row, strict=True)) for row in table.text_rows()]
         typer.echo(json.dumps({"rows": entries}))
     else:
         typer.echo(table.summary())

@@ -85,7 +85,7 @@ def noise(link: Any, shot: Floats, bandwidth: float) -> Floats:
     bandwidth : float
         Noise bandwidth B [Hz].
     """
-    thermal = link.tia.thermal_noise(link.sipm.gain)
+    thermal = link.tia.thermal_noise(link.sipm.electrons_per_count)
     return (2.0 * link.sipm.excess_noise_factor * shot + thermal) * bandwidth
 
 

@@ -126,6 +126,11 @@ class SiPM(Model, frozen=True):
         return 1.0 / (1.0 - self.branching)
 
     @property
+    def electrons_per_count(self) -> float:
+        """Mean charge of a primary count with its secondaries, G F [electrons]."""
+        return self.gain * self.excess_noise_factor
+
+    @property
     def time_constant(self) -> float:
         """Time constant of the first-order response [s]."""
         return 1.0 / (2.0 * math.pi * self.bandwidth)
@@ -200,9 +205,7 @@ class SiPM(Model, frozen=True):
 
     def bias_current(self, rate: ArrayLike) -> Floats:
         """Return the mean current [A] of primary counts [s-1], G e F times their saturated rate."""
-        # F is also the mean number of avalanches per primary count
-        charge = self.gain * _ELEMENTARY_CHARGE * self.excess_noise_factor
-        return charge * self.saturated_rate(rate)
+        return _ELEMENTARY_CHARGE * self.electrons_per_count * self.saturated_rate(rate)
 
     def nep_paper(self, wavelength: float) -> float:
         """Return the noise-equivalent power as the paper prints it.
@@ -298,18 +301,18 @@ class Tia(Model, frozen=True):
     resistance: Positive = 1e3
     temperature: Positive = 300.0
 
-    def thermal_noise(self, gain: Positive) -> float:
+    def thermal_noise(self, electrons: Positive) -> float:
         """Return the density of the thermal noise in count units [s-2 Hz-1].
 
-        S = (4 k T / R) / (G e)^2, one-sided (Johnson noise of the current, in counts of charge G e)
+        S = (4 k T / R) / (q e)^2, one-sided (Johnson noise of the current, in counts of charge q e)
 
         Parameters
         ----------
-        gain : float
-            Charge per count G [electrons].
+        electrons : float
+            Charge per count q [electrons], see `SiPM.electrons_per_count`.
         """
         current = 4.0 * _BOLTZMANN * self.temperature / self.resistance  # density [A2 Hz-1]
-        return current / (gain * _ELEMENTARY_CHARGE) ** 2
+        return current / (electrons * _ELEMENTARY_CHARGE) ** 2
 
 
 class LedDriver(Model, frozen=True):

@@ -196,7 +196,8 @@ class OokLink(Model, frozen=True):
         Raises
         ------
         Refused
-            If the preset is unknown, the bit rate does not fit, or the link has several receivers.
+            If the preset is unknown, the bit rate does not fit, or the link has several receivers
+            or sources of several wavelengths.
 
         Examples
         --------
@@ -207,14 +208,17 @@ class OokLink(Model, frozen=True):
         if len(link.receivers) != 1:
             raise Refused("receiver", f"{len(link.receivers)} apertures", "one aperture")
         aperture: Any = link.receivers[0]
-        first = link.transmitters[0]  # its wavelength counts for all
+        wavelengths = sorted({t.wavelength_nm for t in link.transmitters})
+        if len(wavelengths) > 1:  # an efficiency and an energy of photons each: powers do not add
+            values = Described(" and ".join(f"{nm:g} nm" for nm in wavelengths))
+            raise Refused("transmitter.wavelength_nm", values, "one wavelength")
         base = base if isinstance(base, OokLink) else cls.preset(base)
         power = 1e-3 * sum(t.power_mw for t in link.transmitters)
         # a `Receiver` is in air, any other aperture in water
         index = link.n_air if isinstance(aperture, Receiver) else link.water.n
         changes = {
             "bit_rate": base.bit_rate if bit_rate is None else bit_rate,
-            "led": base.led.replace(power=power, wavelength=first.wavelength_nm / 1e9),
+            "led": base.led.replace(power=power, wavelength=wavelengths[0] / 1e9),
             "optics": base.optics.replace(
                 radius=aperture.radius, fov_deg=aperture.fov_deg, medium_index=index
             ),

@@ -114,7 +114,7 @@ class CompoundPoisson(AveragedPulses):
         filters, pulses = link.filters, _pulses(link, 1.0)
         # what the equaliser takes off the sample for each bit that was a one
         removed = (high - low) * (pulses.mean - pulses.heard)
-        thermal = link.tia.thermal_noise(link.sipm.gain)
+        thermal = link.tia.thermal_noise(link.sipm.electrons_per_count)
         thermal_std = math.sqrt(0.5 * thermal * filters.noise_energy)
         return decisions.compound_poisson_decision(
             low, high, filters, link.bit_time, removed, link.sipm.branching, thermal_std

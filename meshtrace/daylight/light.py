@@ -581,7 +581,7 @@ class Daylight(Model, frozen=True):
 
 
 class UnavailableDaylight:
-    """Daylight whose model needs a package that is not installed, refused where it is used.
+    """Placeholder for daylight whose model needs a missing package; refused on use.
 
     A gain needs no daylight: a link file with a table [daylight] runs without the package.
 

@@ -45,7 +45,7 @@ def slopes_of(normals: Floats) -> Floats:
 
 
 def slopes_to(required: Floats, normals: Floats) -> Floats:
-    """Return the slopes of the required normals minus those of the actual ones, shape (..., 2).
+    """Return the difference between required and actual slopes, shape (..., 2).
 
     Normals are of any length; the required slope is 1e6 where its normal does not point upwards.
     """
@@ -319,7 +319,7 @@ def _beams(day: Daylight, n: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
 
 
 def _common_functions(phases: Sequence[PhaseFunction]) -> tuple[Floats, Floats]:
-    """Return functions (angles, functions) whose mixtures (phases, functions) are the phases.
+    """Decompose phase functions into basis functions (angles, functions) and mixtures.
 
     The phase functions are mix @ functions.T; below `_LEAST_ANGLE` they are 0.
     """
@@ -340,7 +340,7 @@ def _scatterers(water: Water, bubbles: BubblePopulation | None) -> list[PhaseFun
 
 @lru_cache(maxsize=256)
 def _integrate_depth(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats, Floats]:
-    """Return the scattered light and that of the bottom at the nodes of m.
+    """Return light scattered by water and light from the bottom at the nodes of m.
 
     int b_j exp(-m int k dz) dz [1], shape (scatterers, nodes), and the radiance of the bottom over
     the horizontal irradiance below the surface [sr-1], shape (nodes,), empty without a bottom.

@@ -107,7 +107,7 @@ class TileSums:
 
     @property
     def stderr(self) -> Floats:
-        """Standard error of each cell; those of a tile are correlated."""
+        """Standard error of each cell; errors within a tile are correlated."""
         return error_of_groups(self.gain, axis=0)
 
     @property
@@ -141,17 +141,17 @@ def further(by_tile: Sequence[TileSums], lack: Floats) -> dict[int, int]:
 
 
 class _SquareDrawer(ChainDrawer):
-    """Sampler of chains that aim at points of squares, whose edge is the `radius` of a target."""
+    """Sampler of chains aimed at points of squares; the `radius` of a target is the edge."""
 
     def place_points(self, chains: Chains) -> None:
-        """Replace points of the unit disk by those of the unit square about the origin."""
+        """Map points of the unit disk to the unit square about the origin."""
         # points of the disk are r = u^(1/2), phi = 2 pi v: u - 1/2, and v in -1/2 ... 1/2
         x, y = chains.disk.T
         radial, angular = x * x + y * y, np.arctan2(y, x) / (2.0 * math.pi)
         chains.disk[:] = np.column_stack([radial - 0.5, angular])
 
     def of_tile(self, tile: int) -> _SquareDrawer:
-        """Return a sampler of chains whose crossings of still water lead to one tile alone."""
+        """Return a sampler of chains that cross still water towards a single tile."""
         drawer = copy(self)
         every = np.full(len(self.link.targets), tile)
         drawer.link = self.link._replace(stands_for=every)
@@ -256,7 +256,7 @@ class CellChains:
         return gain, stderr
 
     def agree(self, by_tile: Sequence[TileSums], gain: Floats, stderr: Floats) -> bool:
-        """Return whether scattered gains by photons differ from those of chains by chance alone.
+        """Test whether scattered gains of photons and chains agree within chance.
 
         `gain` and `stderr` (n, n) are those of the cells by photons. Sums over regions of the map
         are compared: chains may miss light, as that of large angles, without a sign of it in their
@@ -380,7 +380,7 @@ def _tiles(
 
 
 def _squares(link: ForcedLink, step: float) -> ForcedLink:
-    """Return a link whose targets are squares along x and y, cells with an edge of `step` [m].
+    """Return a link with square cells of edge `step` [m] as targets.
 
     The radius of a target stands for the edge, see `_SquareDrawer`.
     """

@@ -77,7 +77,7 @@ class Pilot(NamedTuple):
         return Pilot(*(array[receivers] for array in self))
 
     def joined(self, power: Floats) -> Pilot:
-        """Return the pilot of a receiver in the water from those of its targets, the lamps.
+        """Combine the pilots of the lamps, the targets of a receiver in the water, into its pilot.
 
         `power` (targets,) has the shares of the lamps in the power.
         """

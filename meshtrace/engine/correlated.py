@@ -352,7 +352,7 @@ class FrozenForced:
         return drawn.result()
 
     def _draw(self, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
-        """Draw the chains of a link by the laws of the base, as many as those of the base."""
+        """Draw as many chains of a link as the base has, from the distributions of the base."""
         drawer, by_source = self._base.drawer.of_link(arrays), list[list[ChainSet]]()
         for s, drawings in enumerate(self._base.sets(aimed.sampled)):
             # keys by source also for a downlink, whose receivers share one key in `Planner`

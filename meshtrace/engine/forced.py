@@ -190,6 +190,11 @@ class ForcedDetection:
         self._unscattered = self.drawer.draw_all(requests)
         return self._unscattered
 
+    @property
+    def _requests(self) -> list[Request]:
+        """Requests of all chains, in the order of their numbers: those without scatterings last."""
+        return [*self.plan.chains, *(drawing.request for drawing in self._unscattered)]
+
     def evaluate(self, mesh: TriangleMesh) -> Gains:
         """Return the gain over a mesh, at the first wavelength."""
         return self.at_wavelengths(mesh)[0]
@@ -223,10 +228,11 @@ class ForcedDetection:
                 planner.normals, planner.threads, record,
             )  # fmt: skip
             groups.append(([photons], plan.arriving_at))
+        # photons are numbered after all chains, those without scatterings last
+        chains = sum(request.number for request in self._requests)
         for by_wavelength, receivers in groups:
             for i, by_photons in enumerate(by_wavelength):
                 gains[i] = gains[i].with_photons(by_photons, receivers)
-                chains = gains[i].counts.drawn  # photons are numbered after scattering chains
                 tables[i] += [table.moved(receivers, chains) for table in by_photons.table]
         if record:
             whole = map(ArrivalTally.concatenated, tables)
@@ -437,9 +443,8 @@ class ForcedDetection:
             for block in drawing.blocks():
                 chains = self.drawer.drawn(block)
                 arrivals = parts.chain_light(aimed, e, t, chains, tints, block)
-                # numbers run on from request to request; chains without scatterings are last
-                requests = [*self.plan.chains, *(d.request for d in self._unscattered)]
-                before = requests[: requests.index(drawing.request)]
+                # numbers run on from request to request
+                before = self._requests[: self._requests.index(drawing.request)]
                 first = sum(request.number for request in before)
                 yield arrivals._replace(sample=first + arrivals.sample)
 

@@ -256,7 +256,7 @@ class Gains:
         )
 
     def with_photons(self, photons: Gains, receivers: Sequence[int]) -> Gains:
-        """Return the gains with those of photons added to some receivers.
+        """Add the gains of photons to the receivers they serve.
 
         At one wavelength; `photons` has these receivers alone, in this order. Where the method of a
         receiver is chains, its scattered light by photons is only that which the bottom reflects.
@@ -278,7 +278,7 @@ class Gains:
 
 
 def sum_of_parts(values: Floats, parts: Sequence[int]) -> Floats:
-    """Return the sum over some parts of values of shape (..., parts, receivers, groups)."""
+    """Sum values of shape (..., parts, receivers, groups) over the given parts."""
     # one after the other: the digits of links that have the first part alone do not change
     total = values[..., parts[0], :, :]
     for part in parts[1:]:
@@ -287,7 +287,7 @@ def sum_of_parts(values: Floats, parts: Sequence[int]) -> Floats:
 
 
 def with_error(gain: Floats, error: float) -> Floats:
-    """Return a gain (..., SHIFTS) whose groups scatter by the relative `error` of a quadrature.
+    """Spread a gain over groups (..., SHIFTS) by the relative `error` of a quadrature.
 
     `gain` is (..., 1 or SHIFTS), and returned as it is without an error. Even groups are raised and
     odd ones lowered by a: the mean of SHIFTS groups at +-a has the standard error

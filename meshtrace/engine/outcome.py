@@ -279,7 +279,7 @@ def _that_matter(
 
 
 def warn_of_cut_short(result: GainResult) -> None:
-    """Warn of unscattered light whose integral was cut short before it was fine enough."""
+    """Warn of unscattered light whose quadrature was stopped before it converged."""
     pairs = 0 if result.chains is None else result.chains.cut_short
     if pairs:
         _warn(
@@ -305,7 +305,7 @@ def warn_of_omitted(link: Link, gain: Floats, returned: Floats | None = None) ->
 
 
 def warn_of_mesh(result: GainResult, case: Case, mesh: TriangleMesh) -> None:
-    """Warn of gains whose error by the mesh exceeds the standard error and 0.3 %."""
+    """Warn of gains with a mesh error above the standard error and 0.3 %."""
     if result.mesh_error is None:
         return
     for r, error in enumerate(np.atleast_1d(result.mesh_error)):

@@ -23,7 +23,7 @@ ChainJob = tuple[list[int], Block]
 
 
 def chain_jobs(pairs: list[tuple[int, int]], sets: list[list[Drawing]]) -> list[ChainJob]:
-    """Return the jobs that aim the chains of each source at its targets.
+    """List the jobs that aim the chains of each source at its targets.
 
     `pairs` are (emitter, target); `sets` has the drawings of chains of each emitter.
     """

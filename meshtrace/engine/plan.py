@@ -60,7 +60,7 @@ class TypicalSea(NamedTuple):
 
     @classmethod
     def of_meshes(cls, meshes: Iterable[TriangleMesh], margin: float = 1.0) -> TypicalSea:
-        """Return the typical sea of meshes, with a crest of `margin` times the highest of them."""
+        """Return the typical sea of meshes, with `margin` times their highest crest."""
         # random slopes follow from the spectrum: they are alike for all surfaces of a sea
         crests, slopes = zip(*((float(m.bounds[1, 2]), m.unresolved) for m in meshes), strict=True)
         return cls(margin * max(crests), slopes[0])
@@ -280,7 +280,7 @@ class Planner:
     def _by_receiver(
         self, piloted: NDArray[np.bool_], method: list[Method], default: Method
     ) -> list[Method]:
-        """Return the estimator of each receiver from those of the masked receivers with pilots."""
+        """Extend the estimators of the piloted (masked) receivers to all receivers."""
         chosen = dict(zip(self._piloted[piloted].tolist(), method, strict=True))
         return [chosen.get(r, default) for r in self._first.tolist()]
 

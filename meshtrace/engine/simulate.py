@@ -352,7 +352,7 @@ def trace_paths(
     """
     # all paths are held at once, each with room for as many vertices
     require_whole(max_vertices, 2, _MOST_VERTICES // n, "max_vertices")
-    fields: dict[str, Any] = dict(options) if seed is None else {"seed": seed, **options}
+    fields: dict[str, Any] = ({} if seed is None else {"seed": seed}) | dict(options)
     photons = Analog()
     if not received_only:
         analog = {key: fields.pop(key) for key in Analog.model_fields if key in fields}

@@ -487,8 +487,7 @@ class Link(Model, frozen=True):
         Notes
         -----
         A slope moves the crossing of slanted light farther than that of vertical light
-        (`footprint`), by a factor of (1 + 2 tan^2 theta)^(3/2), theta the angle of the straight
-        line between both ends. For daylight see `_daylight_crossing`. For ends on one side these
+        (`footprint`). For daylight see `_daylight_crossing`. For ends on one side these
         are the places where the sea reflects the light, with the factor 1 / cos^2 theta, theta the
         angle of incidence.
         """
@@ -510,10 +509,14 @@ class Link(Model, frozen=True):
                 # part of the horizontal way that lies in the water; for small angles a metre of
                 # height moves light n times as far aside as a metre of depth
                 share = depth / (depth + n * height)
-                tangent = math.dist(t.position, r.position) / (depth + height)
-                lever = (n - 1.0) * height * share * (1.0 + 2.0 * tangent**2) ** 1.5
-                seen = r.radius * (share if r is high_end else 1.0 - share)
                 place = _crossing(low_end.position, high_end.position, depth, height, n)
+                # Fermat's principle over a slope s in the plane of the ray moves the crossing by
+                # dx/ds = (n cos i - cos t) / (n cos^3 i / depth + cos^3 t / height)
+                low = depth / math.hypot(depth, math.dist(place, low_end.position))
+                high = height / math.hypot(height, math.dist(place, high_end.position))
+                slant = (depth + n * height) / (depth * high**3 + n * height * low**3)
+                lever = (n * low - high) * height * share * slant
+                seen = r.radius * (share if r is high_end else 1.0 - share)
                 crossings.append(Crossing(place, lever, seen))
         return crossings
 
@@ -598,7 +601,7 @@ def _moved(kind: type[Any], end: Any, place: Any) -> Any:
 
 
 def _axis(kind: type[Any]) -> tuple[str, str]:
-    """Return the names of the two angles of the axis of a kind of end."""
+    """Return the names of the two axis angles of a kind of end."""
     water = issubclass(kind, WaterSource)
     return ("zenith_deg", "azimuth_deg") if water else ("tilt_deg", "tilt_azimuth_deg")
 

@@ -287,7 +287,7 @@ class PhaseFunction(Family, frozen=True, default="fournier-forand"):
 
 
 class BuiltInPhase(PhaseFunction, frozen=True):
-    """Base of the phase functions that define `_segments` or `_pdf_s` in place of `density`."""
+    """Base of phase functions defined by `_segments` or `_pdf_s` instead of `density`."""
 
     def density(self, theta: Floats) -> Floats:
         """Return the phase function [1/sr] at angles [rad]."""

@@ -290,9 +290,8 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
 
         Notes
         -----
-        A flash is counted where it begins. One that has begun before the first time adds its
-        duration but no flash, so that rate times duration is the share of the n times above the
-        threshold, times n / (n - 1).
+        A flash is counted where it begins, in one of the n - 1 steps. The duration is the share of
+        the n times above the threshold, over the rate.
         """
         step = self._step()
         k = require_finite(thresholds, "thresholds", "numbers > 0")
@@ -301,9 +300,11 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
         above = (self.irradiance / self.mean)[:, :, None] > k
         # (times, depths, thresholds); a flash begins between a time below and the next one above
         begun = np.count_nonzero(above[1:] & ~above[:-1], axis=0)
-        seconds = step * np.count_nonzero(above, axis=0)
-        duration = np.divide(seconds, begun, out=np.full(begun.shape, np.nan), where=begun > 0)
-        return Flashes(k, 60.0 * begun / (step * (len(self.time) - 1)), duration)
+        rate = begun / (step * (len(self.time) - 1))
+        # one that has begun before the first time counts with its duration, but as no flash
+        share = np.count_nonzero(above, axis=0) / len(self.time)
+        duration = np.divide(share, rate, out=np.full(begun.shape, np.nan), where=begun > 0)
+        return Flashes(k, 60.0 * rate, duration)
 
     def spectrum(self) -> tuple[Floats, Floats]:
         """Return frequencies (n,) [Hz] and the one-sided power density of E / mean [Hz-1].

@@ -347,13 +347,15 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
         return {"fate": ("fate", codes, flags)} | {f"fate_{n}": ("fate", x) for n, x in named}
 
     @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any, **parts: Any) -> GainResult:
-        parts["fates"] = {}
+    def _restored(
+        cls, data: xr.Dataset, provenance: Any, derived: dict[str, Any] | None = None
+    ) -> GainResult:
+        fates: dict[str, FateTally] = {}
         if "fate" in data.coords:
             columns = (data[f"fate_{name}"].values.tolist() for name in FateTally._fields)
             names = data["fate"].attrs["flag_meanings"].split()
-            parts["fates"] = dict(zip(names, map(FateTally, *columns), strict=True))
-        result = super()._restored(data, provenance, **parts)
+            fates = dict(zip(names, map(FateTally, *columns), strict=True))
+        result = super()._restored(data, provenance, {"fates": fates})
         if not data.attrs["scalar"]:
             return result
         # files store an array (1,) of receivers for a link with a single one, too
@@ -454,7 +456,7 @@ def merge(results: Sequence[GainResult]) -> GainResult:
         gain_bound=bound_where_dark(means["gain"], total),
         photons=total,
         fates=fates,
-        provenance={**first.provenance, "run": {**first.provenance["run"], **run}},
+        provenance=first.provenance | {"run": first.provenance["run"] | run},
         rays_recast=sum(r.rays_recast for r in results),
         rays_lost=sum(r.rays_lost for r in results),
         **means,

@@ -19,13 +19,13 @@ from meshtrace.optics.water import Water
 @cache
 def environment() -> dict[str, str]:
     """Return the versions of the programs behind a result."""
-    return {
+    programs = {
         "meshtrace": version("meshtrace"),
         "git_commit": _git_commit(Path(__file__).parents[2]),
         "python": platform.python_version(),
         "machine": platform.machine(),
-        **{name: version(name) for name in ("numpy", "numba", "embreex", "scipy")},
     }
+    return programs | {name: version(name) for name in ("numpy", "numba", "embreex", "scipy")}
 
 
 @check_call

@@ -122,7 +122,8 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
             options["time"] = self.time
         statistics = fading_statistics(gain, common_stderr=mean_stderr, **options)
         # of gains without any spread, such as 0 everywhere, the share is 0 or 1, not 0 / 0
-        notes, share = statistics.notes, own_noise / max(float(gain.var()), own_noise, 1e-300)
+        variance = max(float(gain.var(ddof=1)), own_noise, 1e-300)
+        notes, share = statistics.notes, own_noise / variance
         if self.along == "time" and share >= _NOISE_REPORTED:
             note = f"Monte Carlo noise is {100.0 * share:.0f} % of the variance: increase photons"
             notes = (*notes, note)
@@ -270,7 +271,7 @@ def relative_errors(gain: Floats, stderr: Floats) -> Floats:
 
 
 def as_high(gain: Floats, stderr: Floats) -> NDArray[np.bool_]:
-    """Return a mask of the cells of a map (nx, ny) whose gain may be as high as the highest one.
+    """Return a mask of the cells (nx, ny) whose gain may equal the highest, within errors.
 
     Their difference from it is within its error, as of independent gains, at 95 % confidence for
     all cells together: which of many noisy cells is the highest is partly chance.

@@ -65,7 +65,7 @@ def sums_by_group(
 def merged_mean(
     means: Sequence[Floats], errors: Sequence[Floats], n: NDArray[np.int64]
 ) -> tuple[Floats, Floats]:
-    """Return the mean of all photons and its standard error from those of runs of n[i] photons."""
+    """Merge means and standard errors of runs of n[i] photons."""
     total = int(n.sum())
     # weighted by photons k: the mean of all however they are split into runs, whereas weights by
     # the standard errors, which are correlated with the means, would be biased
@@ -104,7 +104,7 @@ def merged_means(runs: Sequence[Any], n: NDArray[np.int64]) -> dict[str, Any]:
 
 
 class Tally:
-    """Base of further results of a run beside its gains; subclasses are dataclasses of arrays."""
+    """Base of the results of a run other than its gains; subclasses are dataclasses of arrays."""
 
     def __repr__(self) -> str:
         shapes = (f"{name} {array.shape}" for name, (_, array) in variables_of(self).items())
@@ -191,7 +191,7 @@ class ArrivalTally(Tally):
         return replace(self, weight=factor[self.receiver] * self.weight)
 
     def moved(self, receivers: Sequence[int], samples: int) -> ArrivalTally:
-        """Return the arrivals with `receivers[i]` in place of receiver i, and later sample numbers.
+        """Renumber receiver i to `receivers[i]`, and samples to follow earlier ones.
 
         `samples` is the number of samples that come before: joined photons of a part of the
         receivers are numbered after the chains, which count from 0.

@@ -243,5 +243,5 @@ def plain(part: Any) -> Any:
 
 
 def unshared(table: Table, shared: Table) -> Table:
-    """Return the table without the entries that equal those of `shared`."""
+    """Drop the entries of a table that equal those of `shared`."""
     return {k: v for k, v in table.items() if k not in shared or v != shared[k]}

@@ -308,7 +308,7 @@ class Scenario(Model, frozen=True):
         return files.with_unset_keys(files.with_notes(text, models), files.with_notes(rest, models))
 
     def _parts(self) -> dict[str, tuple[Any, ...]]:
-        """Return the models whose fields are the keys of each table of a link file."""
+        """Return the models that define the keys of each table of a link file."""
         link, run = self.link, self.run
         return {
             "": (self, link),

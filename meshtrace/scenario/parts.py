@@ -148,7 +148,7 @@ def gives_spectrum(key: str) -> bool:
 
 
 def spectrum_of(table: Table) -> WaterSpectrum:
-    """Return the spectrum that keys of [water] describe, or that of a file with keys replaced."""
+    """Return the spectrum described by keys of [water], on top of a file if one is named."""
     if "file" not in table:
         return spectrum_keys()[next(iter(table))].model_validate(table)
     file, keys = split(table, ["file"])
@@ -181,7 +181,7 @@ def _whitecaps(table: Table, wind_speed: float, printed: bool) -> Whitecaps | No
 
 
 def _read_preset(presets: Mapping[str, M], table: Table | None, path: str) -> M | None:
-    """Return the preset that a table names, by default the first, with fields replaced by its keys.
+    """Return the preset named by a table (default: the first), updated by the other keys.
 
     Without a table the result is None.
     """
@@ -207,7 +207,7 @@ def read_detector(table: Table | None) -> OokLink | None:
 
 
 def read_uav(table: Table | None) -> Uav | None:
-    """Return the airframe of [uav]: one of `UAVS` with replaced fields."""
+    """Return the airframe of [uav]: a member of `UAVS`, updated by the other keys."""
     return _read_preset(UAVS, table, "uav")
 
 
@@ -280,7 +280,7 @@ def bubbles_config(link: Link, wind_speed: float) -> Table:
 
 
 def whitecaps_config(link: Link, wind_speed: float) -> Any:
-    """Return the name of the model of whitecaps, or a table if they have a wind of their own."""
+    """Return the name of the whitecap model, or a table if whitecaps have a separate wind."""
     if link.whitecaps is None:
         return "none"
     table = unshared(link.whitecaps.model_dump(), {"wind_speed": wind_speed})

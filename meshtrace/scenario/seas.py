@@ -252,7 +252,7 @@ def wind_of(link: Link, surface: Any) -> float:
 
 
 def surface_config(surface: MeshSource | MeshFile, wind_speed: float) -> Table:
-    """Return the table [sea] of a surface, without the wind speed if it is that of the file."""
+    """Return the table [sea] of a surface, without a wind speed that equals the file's."""
     if isinstance(surface, MeshFile):
         return {"mesh": surface.file}
     from meshtrace.surfaces import SumSea

@@ -110,7 +110,7 @@ def background_series(
 
 
 def light_of(campaign: Campaign, day: Daylight | None) -> Daylight | None:
-    """Return the daylight of a study, by default that of its scenario."""
+    """Return the daylight of a study (default: the scenario's)."""
     configured = getattr(campaign.scenario, "daylight", None)
     return checked_daylight(configured if day is None else day, campaign.link)
 
@@ -127,7 +127,7 @@ def checked_daylight(day: Daylight | None, link: Link) -> Daylight | None:
 
 
 def mean_sea(link: Link, surface: Any) -> Any:
-    """Return a surface whose background is the mean over the realizations of a sea.
+    """Return a surface with the mean background over the realizations of a sea.
 
     All waves but the longest are random slopes there. Over resolved waves a narrow view sees glint
     or none, and a mean takes hundreds of seas: the radiance of a view of 2 deg over a wind of 5 m/s

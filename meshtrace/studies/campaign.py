@@ -162,7 +162,7 @@ class Campaign(NamedTuple):
         return nullcontext() if self.cluster is None else self.cluster.keep_workers()
 
     def for_link(self, link: Link, name: str = "link") -> Campaign:
-        """Return the campaign of another link, whose name no other in the same store may have."""
+        """Return the campaign of another link, under a name unique within the store."""
         return self._replace(links={name: link})
 
     def identity(self) -> dict[str, Any]:
@@ -192,11 +192,12 @@ class Campaign(NamedTuple):
         if flight.wind is not None:
             return flight.wind
         owner = self.scenario or self.surface
-        # the wind of a scenario, of the spectrum of a sea, or of a sea itself
-        speed = getattr(getattr(owner, "spectrum", owner), "wind_speed", None)
-        if speed is None:
+        # the wind of a scenario, of the spectrum of a sea, of a sea itself, or the highest of a sum
+        seas = [getattr(sea, "spectrum", sea) for sea in getattr(owner, "parts", (owner,))]
+        speeds = [speed for sea in seas if (speed := getattr(sea, "wind_speed", None)) is not None]
+        if not speeds:
             raise Refused("flight.wind", None, "a wind, over a sea without wind speed")
-        return Dryden(wind_speed=speed, height=self.link.air_end[1].height)
+        return Dryden(wind_speed=max(speeds), height=self.link.air_end[1].height)
 
     def flight(self, flight: Flight | None) -> Flight | None:
         """Return the aircraft of a study, by default the one in its scenario, checked."""
@@ -259,7 +260,7 @@ class Campaign(NamedTuple):
         return mesh_lines(joint, surface, self.meshing, reach, FADING_SPACING, self.fine_patch)
 
     def require_change_of_sides(self) -> None:
-        """Refuse links whose ends lie on one side, which photons follow but no chains."""
+        """Refuse links with both ends on one side: photons follow them, chains do not."""
         for link in self.links.values():
             link.require_change_of_sides()
 

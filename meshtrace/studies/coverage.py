@@ -207,7 +207,7 @@ def coverage_map(
 
 
 def _require_off_plane(link: Link, receiver: Receiver | WaterReceiver, step: float) -> None:
-    """Refuse a tilted receiver in the plane of a lamp, whose straight light never crosses it.
+    """Refuse a tilted receiver in the plane of a lamp: straight light never crosses that plane.
 
     Photons count by cos(theta) / |cos(zenith)| where they cross the plane: light along the plane is
     not seen.

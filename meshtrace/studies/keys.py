@@ -360,7 +360,7 @@ def checked_bounds(bounds: Bounds) -> dict[str, tuple[float, float]]:
 
 
 def _listed(known: Iterable[str], name: str) -> str:
-    """List keys for a message: those beside a name, and the names of the other tables."""
+    """List keys for a message: the neighbours of a name, and the names of other tables."""
     names = list(known)
     if len(", ".join(names)) <= _LONGEST:
         return ", ".join(names)

@@ -376,7 +376,9 @@ class Quantity:
             means, weights = means[:, None] * tilt.h, tilt.weight
         if self.of == "margin":
             return math.log(mean(means) / self.need(ook))
-        logs = np.log(ook.received_power(means))
+        with np.errstate(divide="ignore"):
+            # ln 0 of a tilt out of the field of view is -inf, which the tables below clip
+            logs = np.log(ook.received_power(means))
         if self.of == "ber":
             return math.log(mean(np.exp(self.law(ook)(logs))))
         if self.of == "capacity":

@@ -122,7 +122,7 @@ class Ensemble(NamedTuple):
         return self.campaign._replace(links=named, spectral=True)
 
     def _once(self, name: str, link: Link, compute: Callable[[], Any]) -> Any:
-        """Return a result for all wavelengths, computed for the first of them that asks."""
+        """Compute a result for all wavelengths once, at the first request."""
         if self.computed is None:
             return compute()
         key = name, link.depth

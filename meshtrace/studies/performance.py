@@ -299,7 +299,9 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         return {name: ("bit_rate", values) for name, values in zip(names, ranges, strict=True)}
 
     @classmethod
-    def _restored(cls, data: xr.Dataset, provenance: Any, **fields: Any) -> LinkPerformance:
+    def _restored(
+        cls, data: xr.Dataset, provenance: Any, derived: dict[str, Any] | None = None
+    ) -> LinkPerformance:
         ooks = tuple(OokLink.model_validate(ook) for ook in provenance["ook"])
         if len(ooks) != data["bit_rate"].size:
             raise ValueError("other numbers of bit rates and transmissions")
@@ -308,7 +310,8 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
             for response in provenance["responses"]
         )
         require_between(provenance.get("tilt_outage", 0.0), 0.0, 1.0, "tilt_outage", "[]")
-        return super()._restored(data, provenance, ooks=ooks, responses=responses, fades=())
+        parts = {"ooks": ooks, "responses": responses, "fades": ()}
+        return super()._restored(data, provenance, parts)
 
 
 _FLOOR = 1e-15  # bit error rate below which texts say no more than that

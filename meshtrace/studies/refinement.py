@@ -498,7 +498,7 @@ def _misfit(residual: Floats, noise: Floats, profile: Floats) -> float:
 
 
 def _least_squares(h: Floats, y: Floats, sigma: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return p, g_0 and C for each row of y (rows, n), whose errors are in proportion to sigma.
+    """Fit p, g_0 and C to each row of y (rows, n), with errors in proportion to sigma.
 
     At a fixed order the law is linear: the best order is looked up on a fine grid.
     """

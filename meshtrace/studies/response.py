@@ -112,7 +112,7 @@ def over_colours(
 
 
 def through_channel(ook: OokLink, campaign: Campaign, seas: int) -> OokLink:
-    """Return a transmission with the response of the channel, unless it has its own."""
+    """Add the channel response to a transmission that has none."""
     seen = mean_response(ook, campaign, seas) if ook.response is None else None
     return ook if seen is None else ook.replace(response=seen.response)
 
@@ -258,7 +258,7 @@ class Responses:
 
 
 def _third(table: Light) -> Light:
-    """Return the light of a third of the chains, scaled up to all of them."""
+    """Return the light of every third shift of the chains, scaled up to all of them."""
     # unscattered light belongs to no shift and stays whole
     chosen = table.shift % _PARTS == 0
     share = np.where(table.shift < 0, 1.0, chosen * SHIFTS / len(range(0, SHIFTS, _PARTS)))

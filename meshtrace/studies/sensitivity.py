@@ -413,8 +413,7 @@ def sensitivities(
         wanted += parameters(variant, [depth], None, normals)
     study = Study(variant, campaign, realizations, quantity)
     derivatives = []
-    # ln 0 of a tilt out of the field of view is -inf, which the tables of `Quantity` clip
-    with np.errstate(divide="ignore"), campaign.workers():
+    with campaign.workers():
         for p in wanted:
             derivatives.append(study.derivatives(p))
             campaign.advance()

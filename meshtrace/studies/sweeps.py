@@ -655,7 +655,7 @@ def _base(
 
 
 def _plain(values: Sequence[Any]) -> list[Any]:
-    """Return a list of values as plain data, with lists in place of arrays and tuples."""
+    """Convert values to plain data: arrays and tuples become lists."""
     if isinstance(values, str) or not hasattr(values, "__iter__"):
         raise Refused("parameters", values, "a list of values")
     return list(json.loads(json.dumps(list(values), default=lambda value: value.tolist())))

@@ -30,7 +30,7 @@ LIMIT = 4.0
 
 @dataclass(frozen=True)
 class Check:
-    """A quantity beside its reference.
+    """A computed quantity and its reference.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def unscattered_gain(
 
 @cache
 def wide_mesh() -> TriangleMesh:
-    """Return still water wide enough for a negligible loss of light at its sides."""
+    """Return still water, wide enough to lose negligible light at its sides."""
     return FlatSea().mesh(extent=3000.0, spacing=1000.0)
 
 

@@ -252,6 +252,7 @@ def test_tiles_give_the_light_of_one_grid(below, monkeypatch):
 
 
 @pytest.mark.thorough
+@pytest.mark.slow_but("8.0")
 @pytest.mark.parametrize("wind", [5.0, 8.0])
 def test_a_small_collector_counts_the_rays_that_hit_it(wind):
     radius, depth, n = 0.0035, 1.0, 1.33 / mt.Link().n_air
@@ -301,7 +302,8 @@ def flashing(e, step=0.01):
 def test_flashes_are_counted_and_timed():
     found = flashing([0.5, 3.0, 3.0, 0.5, 0.5, 3.0, 0.5, 0.5, 0.5, 0.5, 0.5]).flashes([1.5, 9.0])
     assert found.per_minute[0].tolist() == pytest.approx([1200.0, 0.0])  # 2 in 0.1 s
-    assert found.duration[0, 0] == pytest.approx(0.015)
+    # rate times duration is the share of the time above the threshold
+    assert found.duration[0, 0] * 20.0 == pytest.approx(3.0 / 11.0)
     assert math.isnan(found.duration[0, 1])
 
 

@@ -85,7 +85,7 @@ def test_table_in_files(tmp_path):
     table = measured.run(["hu", "alharbi"])
     table.save(tmp_path / "table.nc")
     again = load(tmp_path / "table.nc")
-    assert again.rows() == table.rows()
+    assert again.text_rows() == table.text_rows()
     table.save(tmp_path / "table.csv")
     lines = (tmp_path / "table.csv").read_text().splitlines()
     assert len(lines) == 3

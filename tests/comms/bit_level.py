@@ -126,7 +126,7 @@ def _thermal(link: OokLink, size: int, rng: np.random.Generator) -> NDArray[np.f
     energy = 0.5 / tau
     if window > 0.0:
         energy = (window - tau * (1.0 - math.exp(-window / tau))) / window**2
-    density = 0.5 * link.tia.thermal_noise(link.sipm.gain)
+    density = 0.5 * link.tia.thermal_noise(link.sipm.electrons_per_count)
     return math.sqrt(density * energy) * rng.standard_normal(size)
 
 

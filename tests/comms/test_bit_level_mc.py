@@ -71,7 +71,7 @@ def test_sample_moments_agree(bit_rate):
     energy = link.filters.noise_energy
     mean = low + (high - low) * (bits @ link.filters.mean_cursors(link.bit_time, count))
     variance = link.sipm.excess_noise_factor * (low * energy + (high - low) * shot)
-    variance += 0.5 * link.tia.thermal_noise(link.sipm.gain) * energy
+    variance += 0.5 * link.tia.thermal_noise(link.sipm.electrons_per_count) * energy
     # Earlier bits are unknown at the joints of the simulation's blocks.
     known = np.arange(samples.value.size) % 20_000 >= count
     z = ((samples.value - mean) / np.sqrt(variance))[known]

@@ -37,7 +37,7 @@ def test_own_model_decides():
     link = OokLink(model=FixedThreshold(share=0.3), bit_rate=1e6)
     power = 2e-11
     low, high = (float(level) for level in link.levels(power))
-    thermal = link.tia.thermal_noise(link.sipm.gain)
+    thermal = link.tia.thermal_noise(link.sipm.electrons_per_count)
     f = link.sipm.excess_noise_factor
     deviation = [math.sqrt((2.0 * f * m + thermal) * 0.5e6) for m in (low, high)]
     swing = high - low
@@ -85,3 +85,10 @@ def test_aperture_under_water_stands_in_water():
     two = mt.Link(receiver=(mt.Receiver(), mt.Receiver(position=(1.0, 0.0))))
     with pytest.raises(Refused, match=r"receiver: .*allowed: one aperture"):
         OokLink.of_link(two)
+
+
+def test_powers_of_several_wavelengths_do_not_add():
+    lamps = mt.Led(wavelength_nm=470.0), mt.Led(wavelength_nm=650.0)
+    with pytest.raises(Refused, match="wavelength_nm: 470 nm and 650 nm, allowed: one wavelength"):
+        OokLink.of_link(mt.Link(transmitter=lamps))
+    assert OokLink.of_link(mt.Link(transmitter=lamps[:1] * 2)).led.power == pytest.approx(0.2)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshtrace.comms import LedDriver, OpticalFrontEnd, SiPM, Tia
+from meshtrace.comms import LedDriver, OokLink, OpticalFrontEnd, SiPM, Tia
 from meshtrace.comms.devices import photon_energy
 
 NEP = json.loads((Path(__file__).parents[1] / "data" / "link_reference.json").read_text())["nep"]
@@ -132,3 +132,15 @@ def test_bad_arguments_are_refused(call):
 @pytest.mark.parametrize("model", [SiPM(pde=0.4), Tia(), LedDriver(power=0.2), OpticalFrontEnd()])
 def test_round_trip(model):
     assert type(model).model_validate_json(model.model_dump_json()) == model
+
+
+def test_thermal_noise_is_that_of_the_current_of_a_count():
+    """Johnson noise 4 k T / R of the amplifier, over the mean current of a primary count."""
+    sipm = SiPM(p_crosstalk=0.2)
+    current = float(sipm.bias_current(1.0))
+    cold, warm = (
+        OokLink(model="G0", sipm=sipm, tia=Tia(temperature=t), bit_rate=2e6) for t in (200.0, 300.0)
+    )
+    change = warm.receiver.moments(warm, 1e-10)[1] - cold.receiver.moments(cold, 1e-10)[1]
+    johnson = 4.0 * 1.380649e-23 * 100.0 / warm.tia.resistance
+    assert change == pytest.approx(johnson / current**2 * 1e6, rel=1e-5)

@@ -169,7 +169,7 @@ def writer(name, gain, viz, monkeypatch):
 
 
 NAMES = ["gain.nc", "record.json", "sea.vtp", "sea.ply", "sea.vtu", "paths.vtp", "map.vti",
-         "view.png", "view.html", "view.gif"]  # fmt: skip
+         "view.png", "view.html", pytest.param("view.gif", marks=pytest.mark.slow)]  # fmt: skip
 
 
 @pytest.mark.parametrize("kills", KILLS)

@@ -139,12 +139,9 @@ def test_kills_while_files_are_opened_and_renamed(name, tmp_path):
     assert process.returncode == 0
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[] if name == "gain.nc" else [pytest.mark.slow]) for name in WRITERS],
-)
+@pytest.mark.parametrize("name", WRITERS)
 @pytest.mark.skipif(os.name != "posix", reason="limits of a POSIX shell")
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_full_disk(name, tmp_path):
     """Files may hold 4 kB: one line says so, and the older file is still there."""
     path = tmp_path / name

@@ -46,6 +46,7 @@ def test_a_black_floor_below_the_light_changes_no_digit(name):
 
 @pytest.mark.thorough
 @pytest.mark.statistical
+@pytest.mark.slow_but("up-0.8")
 @pytest.mark.parametrize("albedo", [0.0, 0.8])
 @pytest.mark.parametrize("name", LINKS)
 def test_analog_photons_agree_over_smooth_waves(name, albedo):

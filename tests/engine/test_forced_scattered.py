@@ -19,9 +19,10 @@ import meshtrace as mt
 from meshtrace.engine import correlated
 from meshtrace.engine.forced import ForcedDetection
 from meshtrace.engine.setup import ends, meshing
+from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.parallel import ordered_map
-from meshtrace.surfaces import FlatSea, JonswapSea
+from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
 
 
 def single_scattering(link, n_theta=48, n_phi=192, n_line=160):
@@ -411,3 +412,16 @@ def test_gains_of_few_samples_have_an_upper_bound(tmp_path):
     few[0].save(tmp_path / "a.nc")
     assert mt.GainResult.load(tmp_path / "a.nc").gain_bound == few[0].gain_bound
     assert mt.simulate(mt.Link(), FlatSea(), photons=2048, seed=1).gain_bound is None
+
+
+def test_no_photon_has_the_number_of_a_chain():
+    # random slopes that are narrow beside those of the waves are sampled by chains
+    sea = SinusoidalSea(amplitude=0.1, wavelength=2.0).mesh(extent=6.0, spacing=0.5)
+    mesh = replace(sea, unresolved=UnresolvedSlopes((1e-8, 1e-8), (1e-8, 1e-8)))
+    link = mt.Link(water=mt.Water(a=0.1, b=0.1))
+    forced = ForcedDetection(link, 32, 1, scattered="joined")
+    (arrivals,) = forced.at_wavelengths(mesh, record=True)[0].table
+    chains, photons = (arrivals.sample[arrivals.part == part] for part in (0, 1))
+    assert len(photons) > 0
+    assert chains.tolist() == list(range(64))
+    assert photons.min() > chains.max()

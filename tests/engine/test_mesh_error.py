@@ -75,15 +75,17 @@ def test_default_spacing_follows_the_curvature_of_any_surface(monkeypatch):
 
     class Wave(Surface, frozen=True):
         kind: str = "own-wave"
+        direction_deg: float = 0.0
 
         def elevation(self, x, y, time=0.0):
-            return STEEP.elevation(x, y)
+            return STEEP.replace(direction_deg=self.direction_deg).elevation(x, y)
 
         def slopes(self, x, y, time=0.0):
-            return STEEP.slopes(x, y)
+            return STEEP.replace(direction_deg=self.direction_deg).slopes(x, y)
 
-    facets = [len(mesh_of(LINK, sea).faces) for sea in (STEEP, Wave())]
-    assert facets[1] == pytest.approx(facets[0], rel=1.0)
+    facets = [len(mesh_of(LINK, sea).faces) for sea in (STEEP, Wave(), Wave(direction_deg=45.0))]
+    assert facets[1] == pytest.approx(facets[0], rel=0.4)
+    assert facets[2] == pytest.approx(facets[1], rel=0.05)
 
 
 def test_result_has_the_error_of_the_mesh_and_warns_where_it_exceeds_the_others(tmp_path):

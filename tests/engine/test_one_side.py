@@ -97,8 +97,8 @@ def require_agreement(z):
 @pytest.mark.parametrize("under", [True, False], ids=["under", "over"])
 @pytest.mark.thorough
 def test_random_links_agree_with_analog_photons(under):
-    z = deviations(7, under, photons=4000, analog=300_000)
-    assert len(z) >= 5
+    z = deviations(4, under, photons=4000, analog=300_000)
+    assert len(z) >= 3
     require_agreement(z)
 
 
@@ -168,7 +168,12 @@ def test_the_glint_of_gaussian_slopes():
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize(
     ("link", "photons"),
-    [(MIRROR, 500), (FACING, 500), (LIDAR, 500), (FACING.replace("water.b", 0.9), 32)],
+    [
+        (MIRROR, 200),
+        pytest.param(FACING, 500, marks=pytest.mark.slow),
+        (LIDAR, 500),
+        (FACING.replace("water.b", 0.9), 32),
+    ],
 )
 @pytest.mark.thorough
 def test_stated_errors_are_true(link, photons):

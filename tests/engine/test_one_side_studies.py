@@ -230,6 +230,7 @@ def test_maps_under_water_are_the_gains_of_receivers():
 
 
 @pytest.mark.thorough
+@pytest.mark.slow_but("over")
 @LINKS
 def test_frames_have_the_mean_of_realizations(link):
     sea = JonswapSea(wind_speed=5.0, seed=11)

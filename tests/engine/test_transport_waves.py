@@ -74,7 +74,7 @@ SEAS = {
 
 @pytest.mark.parametrize(("sea", "spacing"), SEAS.values(), ids=SEAS.keys())
 @pytest.mark.thorough
-@pytest.mark.slow_but("focusing", "oblique", "jonswap")
+@pytest.mark.slow_but("oblique", "jonswap")
 def test_vertex_normals_meet_the_quadrature(sea, spacing):
     """Several receivers, one of them tilted: slopes, refraction and Fresnel all have their sign."""
     receivers = (

@@ -254,7 +254,7 @@ OTHER = {
     "fading.resolve_band": {"surface": SEA, "waves": None},
     "fading.gain_autocovariance": {"surface": SEA},
     "fading.scintillation_of_spectrum": {"surface": SEA},
-    "comms.Tia.thermal_noise": {"gain": 1e6},
+    "comms.Tia.thermal_noise": {"electrons": 1e6},
     "comms.LedDriver.levels": {"value": 1e-9},
     "comms.SiPM.fired_cells": {"photons": 100.0},
     "comms.budget.ber_of_gains": {}, "comms.budget.faded_gains": {},

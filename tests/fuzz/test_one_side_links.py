@@ -64,9 +64,21 @@ def with_link(name, link):
 NAMES = [n for n in names() if takes_a_link(n)]
 
 
-@pytest.mark.parametrize("side", LINKS)
+# studies walk the same code on either side
+DEAR = (*LONG, "background_series", "compare", "depth_sweep", "ensemble", "link_performance",
+        "time_series")  # fmt: skip
+
+
+def cost(name, side):
+    """Return the marks of a case: of dear studies one side is slow."""
+    if name in DEAR and side == "over":
+        return [pytest.mark.slow]
+    return [pytest.mark.thorough] * (name in LONG)
+
+
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.thorough] * (n in LONG)) for n in NAMES]
+    ("name", "side"),
+    [pytest.param(n, side, marks=cost(n, side)) for n in NAMES for side in LINKS],
 )
 def test_an_answer_or_a_refusal(name, side, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

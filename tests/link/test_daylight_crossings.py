@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import meshtrace as mt
 from meshtrace.link import IrradiancePlanes
@@ -112,3 +113,29 @@ def test_a_tilted_view_of_the_sky_reaches_farther_aside():
     assert receiver.axis == pytest.approx([-x for x in axis])
     link = mt.Link(transmitter=mt.UniformSky(half_width=100.0), receiver=receiver)
     assert link.lit_patch(0.0)[1] == pytest.approx(10.0 * math.tan(math.radians(45.0)) + 0.1)
+
+
+@pytest.mark.parametrize(
+    ("depth", "height", "aside"), [(10.0, 10.0, 20.0), (10.0, 2.0, 20.0), (2.0, 10.0, 5.0)]
+)
+def test_a_slope_moves_slanted_light_by_the_lever(depth, height, aside):
+    link = mt.Link(
+        transmitter=mt.Led(depth=depth),
+        receiver=mt.Receiver(height=height, position=(aside, 0.0)),
+    )
+
+    def crossing(slope):
+        """Return x on a facet through (x, 0) where Fermat's principle holds along (1, slope)."""
+
+        def change(x):
+            up, way = np.array([x, depth]), np.array([aside - x, height])
+            along = np.array([1.0, slope])
+            n = link.water.n / link.n_air
+            return n * (up @ along) / np.hypot(*up) - (way @ along) / np.hypot(*way)
+
+        return brentq(change, -depth, aside + height, xtol=1e-14)
+
+    lever = (crossing(-1e-5) - crossing(1e-5)) / 2e-5
+    (there,) = link.crossings()
+    assert there.place[0] == pytest.approx(crossing(0.0), rel=1e-9)
+    assert there.lever == pytest.approx(lever, rel=1e-5)

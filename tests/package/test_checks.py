@@ -162,3 +162,15 @@ def test_objects_that_cannot_be_pickled_go_to_other_processes_as_text():
 def test_keys_of_a_table_may_be_of_any_type():
     assert Refused("a", 1, "b").inside(None).field == "None.a"
     assert errors.show({}) == "{}"
+
+
+def test_bounds_of_items_hold():
+    @check_call
+    def of_rates(rates: Sequence[Positive], pair: tuple[float, Positive] = (0.0, 1.0)):
+        return rates, pair
+
+    assert of_rates([1, 2.5], (-1, 3)) == ([1.0, 2.5], (-1.0, 3.0))
+    with pytest.raises(Refused, match=r"^rates\[1\]: -1.0, allowed: > 0$"):
+        of_rates([1.0, -1.0])
+    with pytest.raises(Refused, match=r"^pair\[1\]: 0\.0, allowed: > 0$"):
+        of_rates([1.0], (0.0, 0.0))

@@ -124,8 +124,7 @@ def report_of(words, folder):
 
 
 @pytest.mark.process
-@pytest.mark.thorough
-@pytest.mark.slow_but("0")
+@pytest.mark.slow
 @pytest.mark.parametrize("index", range(3))
 def test_design_guide_shows_what_its_commands_print(index, tmp_path, request):
     """`--update-golden` replaces the outputs; "..." at the end of one stands for its remainder."""

@@ -213,6 +213,7 @@ def bombs():
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("number", range(8))
+@pytest.mark.slow_but(*"01234")
 def test_a_chunk_of_zarr_that_states_more_than_its_store(number, tmp_path):
     codec, content = list(bombs())[number]
     data = zarr_spectrum(tmp_path / "a.zarr", 2, codec)

@@ -14,12 +14,20 @@ from meshtrace.errors import Refused
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.studies import series
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.surfaces import FlatSea, JonswapSea, SinusoidalSea
+from meshtrace.surfaces import FlatSea, Jonswap, JonswapSea, SinusoidalSea, SpectralSea, SumSea
 
 SEA = JonswapSea(wind_speed=13.0, seed=3, waves="paper")
 WAVE = SinusoidalSea(amplitude=0.05, wavelength=3.0)
 FEW = {"photons": 64, "seed": 5, "mesh": mt.Meshing(extent=4.0, spacing=0.2), "threads": 1}
 LINKS = {"a": mt.Link(), "b": mt.Link().replace("water.b", 0.1)}
+
+
+def test_the_wind_over_a_sum_of_seas_is_the_highest():
+    flight, swell = mt.Flight(mt.Uav()), SpectralSea(spectrum=Jonswap(hs=1.0, tp=12.0))
+    sea = SumSea(parts=[swell, JonswapSea(wind_speed=9.0)])
+    assert campaign_of(mt.Link(), sea, run=FEW).wind_of(flight).wind_speed == 9.0
+    with pytest.raises(Refused, match=r"flight\.wind: None, allowed: a wind, over a sea without"):
+        campaign_of(mt.Link(), WAVE, run=FEW).wind_of(flight)
 
 
 def test_gains_are_by_link_surface_receiver_and_shift():

@@ -11,6 +11,7 @@ from mc_statistics import ALPHA, sidak, z_test
 from scipy.stats import chi2
 
 import meshtrace as mt
+from meshtrace.comms import OokLink
 from meshtrace.engine import correlated
 from meshtrace.engine.chains import sets
 from meshtrace.kernels.random import realization_seed
@@ -19,6 +20,7 @@ from meshtrace.studies import Variant, neighbours
 from meshtrace.studies.keys import parameters
 from meshtrace.studies.neighbours import error_of, without_each
 from meshtrace.surfaces import Band, FlatSea, JonswapSea
+from meshtrace.uav import TiltFactors
 
 REFERENCE = json.loads(
     (Path(__file__).parents[1] / "data" / "sensitivity_reference.json").read_text()
@@ -529,3 +531,13 @@ def test_calls_of_the_design():
 def test_refusals(wrt, options, message):
     with pytest.raises(mt.Refused, match=message):
         mt.sensitivities(mt.Link(), FlatSea(), wrt=wrt, photons=64, **options)
+
+
+@pytest.mark.parametrize("of", ["ber", "capacity", "range"])
+def test_tilts_out_of_the_view_bring_no_light(of):
+    """Bits of a millionth of the tilts are guessed; a logarithm of 0 would be a warning."""
+    quantity, gains = neighbours.Quantity(of, 1e-3), np.full((1, 32), 1e-6)
+    tilt = TiltFactors(np.array([0.0, 1.0]), np.array([1e-6, 1.0 - 1e-6]))
+    ook = OokLink()
+    expected = math.log(0.5e-6) if of == "ber" else quantity.log(gains, ook)
+    assert quantity.log(gains, ook, tilt) == pytest.approx(expected, abs=0.01)

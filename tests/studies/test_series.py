@@ -190,6 +190,15 @@ def test_what_chains_do_not_share_is_the_scatter_about_many_chains():
     assert 2.0 * stats.t.sf(abs(np.mean(ratio) - 1.0) / error, len(ratio) - 1) > ALPHA, ratio
 
 
+def test_share_of_noise_is_that_of_the_variance():
+    """Errors of one size that scatter the gains alone are all of their variance, n / (n - 1)."""
+    time, error = np.arange(5.0), 0.01
+    gain = 1.0 + error * np.array([1.0, -1.0, 0.0, 1.0, -1.0]) / np.sqrt(0.8)
+    series = GainSeries("time", time, gain, np.full(5, 0.5 * error), 0.0 * gain, 0.0)
+    (note,) = (n for n in series.fading(resamples=50, test_resamples=0).notes if "Carlo" in n)
+    assert note.startswith("Monte Carlo noise is 25 % of the variance")
+
+
 def test_series_says_when_noise_counts():
     time = np.arange(40.0)
     gain = 1.0 + 0.01 * np.sin(time)

@@ -87,7 +87,7 @@ STUDIES = {
         mesh=mt.Meshing(spacing=0.2), **FEW,
     ),
 }  # fmt: skip
-KEPT = ("ensemble", "compare", "optimize", "series", "coverage", "irradiance")
+KEPT = ("ensemble", "compare", "series", "coverage", "irradiance")
 LONG = ("trace", "infer", "irradiance")
 COSTS = ("mesh_time", "bvh_time", "evaluation_time")
 

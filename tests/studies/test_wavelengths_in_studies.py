@@ -95,7 +95,8 @@ COLOURS = [400.0, 480.0, 570.0]
 
 @pytest.mark.parametrize("sea", [FlatSea(), SEA], ids=["smooth", "rough"])
 @pytest.mark.parametrize("water", WATERS)
-@pytest.mark.thorough_but("II-rough", "3C-rough", "layers-rough", "chlorophyll-rough")
+@pytest.mark.thorough_but(*(f"{name}-rough" for name in WATERS))
+@pytest.mark.slow_but(*(f"{name}-rough" for name in WATERS), "II-smooth", "layers-smooth")
 def test_rays_of_the_background_are_common_to_all_wavelengths(water, sea):
     """The same rays as alone: no noise is left, but what is linear in the index."""
     pytest.importorskip("pvlib")

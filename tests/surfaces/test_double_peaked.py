@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from meshtrace.surfaces import Jonswap, JonswapSea, OchiHubble, Spectrum, Torsethaugen, spectra
+from meshtrace.surfaces import (
+    Jonswap,
+    JonswapSea,
+    OchiHubble,
+    Spectrum,
+    TabulatedSpectrum,
+    Torsethaugen,
+    spectra,
+)
+from meshtrace.surfaces.statistics import hs
 
 
 def variance(spectrum):
@@ -103,3 +112,20 @@ def test_a_peak_far_below_the_highest_one_is_kept(spectrum, height):
     omega = np.geomspace(1e-4, 1e5, 200_001)
     variance = np.trapezoid(spectrum(omega) * omega, np.log(omega))
     assert 4.0 * math.sqrt(variance) == pytest.approx(height, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("spectrum", "height"),
+    [
+        (OchiHubble(hs=(0.5, 3.0), tp=(50.0, 2.0), lam=(3.0, 3.0)), math.hypot(0.5, 3.0)),
+        (
+            TabulatedSpectrum(
+                omega=[0.03, 0.04, 0.05, 1.9, 2.0, 2.1], density=[0.0, 5.0, 0.0, 0.0, 5.1, 0.0]
+            ),
+            4.0 * math.sqrt(0.05 + 0.51),
+        ),
+    ],
+)
+def test_integrals_reach_a_peak_far_below_the_highest_one(spectrum, height):
+    assert spectrum.lowest_peak < 0.05 * spectrum.omega_p
+    assert hs(spectrum) == pytest.approx(height, rel=1e-3)

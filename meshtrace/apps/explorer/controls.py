@@ -175,7 +175,7 @@ def with_value(config: Table, control: Control, value: float) -> Table:
 
 
 def with_coefficients(config: Table) -> Table:
-    """Return tables whose water has numbers in place of its spectrum."""
+    """Replace the spectrum of the water by its numbers in the tables of a link file."""
     # beside a spectrum a moved a or b would be refused
     water = Scenario.from_config(config).link.water
     if water.spectrum is None or water.layers is not None:
@@ -228,7 +228,7 @@ def _with_lamp(config: Table, word: str) -> Table:
 
 
 def _widest(kind: str) -> float:
-    """Return a bound of the half angle of a kind of lamp [deg]."""
+    """Return the bound on the half angle of a kind of lamp [deg]."""
     return _WIDEST_LASER if kind.endswith("gaussian-beam") else math.inf
 
 
@@ -369,7 +369,7 @@ class State:
 
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float]]:
-        """Ranges of the sliders: those of the initial link, within what lamp and water allow."""
+        """Ranges of the sliders, set by the initial link and limited by lamp and water."""
         start = self if not self.moves else State(self.initial)
         ranges = {n: slider_range(control, start.values[n]) for n, control in BY_NAME.items()}
         lamp, spectrum = self.scenario.link.transmitters[0], self.scenario.link.water.spectrum

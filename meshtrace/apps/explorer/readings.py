@@ -289,7 +289,7 @@ def decibels(ratio: float) -> str:
 
 
 def minus(number: str) -> str:
-    """Return a number with a minus sign in place of the hyphen."""
+    """Format a number with a typographic minus sign."""
     return number.replace("-", "\N{MINUS SIGN}")
 
 
@@ -494,7 +494,7 @@ def as_python(scenario: Scenario) -> str:
 
 
 def _daylight(day: Daylight) -> str:
-    """Return the Python expression of a daylight, by its model if that reproduces it."""
+    """Return a Python expression for a daylight, calling its model where that reproduces it."""
     try:
         recipe = daylight_recipe(day)
     except Refused:

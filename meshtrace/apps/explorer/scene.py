@@ -316,7 +316,7 @@ def _ends(values: Floats, half: float) -> tuple[float, float]:
 
 
 def _sky_of(day: Daylight | None) -> tuple[Daylight, tuple[float, float, float]]:
-    """Return the sky to draw for a daylight, and its brightness; late dusk stands for night."""
+    """Choose the sky to draw and its brightness; night is drawn as late dusk."""
     if day is None or day.light == "moonless night":
         return _DUSK, _DUSK_TINT
     if day.irradiance < _LEAST_IRRADIANCE:

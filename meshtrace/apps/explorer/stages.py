@@ -211,7 +211,7 @@ def _tilt_notes(state: State) -> tuple[str, ...]:
 
 
 def unless_refused(work: Callable[[], Result]) -> Result | None:
-    """Call a function; return its result, or None if it raises `Refused`."""
+    """Call a function and return its result, or None if it raises `Refused`."""
     try:
         return work()
     except Refused:
@@ -345,7 +345,7 @@ class Ticket(threading.Event):
     """Event that is set when a newer job waits; its job then stops at the next check."""
 
     def check(self, *_: Any) -> None:
-        """Return if the job may go on; ignore the arguments of progress callbacks.
+        """Check that the job may continue; ignore the arguments of progress callbacks.
 
         Raises
         ------

@@ -19,7 +19,6 @@ from meshtrace.link import AirLed, Link, WaterReceiver
 from meshtrace.models import Floats
 from meshtrace.optics import Water
 from meshtrace.surfaces import Jonswap, SpectralSea, resolved_sea
-from meshtrace.surfaces.spectra import sea_state
 from meshtrace.surfaces.statistics import mean_square_slope
 from meshtrace.surfaces.waves import angular_frequency
 
@@ -151,7 +150,8 @@ def patch_slopes(sea: SpectralSea, seed: int, cells: int, step: float) -> tuple[
     # the spreading changes slowly with k
     nodes, ring = np.geomspace(k.min(), k.max(), 512), np.linspace(-math.pi, math.pi, 181)
     omega = angular_frequency(nodes, None, True)
-    spread = sea.spreading.density(omega[:, None], ring, **sea_state(sea.spectrum))
+    wind_speed, omega_p = sea.spectrum.wind_speed, sea.spectrum.omega_p
+    spread = sea.spreading.density(omega[:, None], ring, omega_p=omega_p, wind_speed=wind_speed)
     variances = sea.spectrum(omega) * np.gradient(omega, nodes) / nodes
     density = RegularGridInterpolator((np.log(nodes), ring), variances[:, None] * spread)
     psi = density((np.clip(np.log(k), *np.log(nodes[[0, -1]])), theta))

@@ -124,7 +124,7 @@ class Experiment(Model, frozen=True):
         Part of the source that was read.
     kind : {"number", "in kind"}
         Whether numbers are compared, or a law, a trend, an order of magnitude.
-    tests, measured, unreported, found : str
+    tests, measured, unreported, findings : str
         What the row tests; what was measured and how; what the source does not report; what
         agrees, what does not, and why.
     prediction : str
@@ -144,7 +144,7 @@ class Experiment(Model, frozen=True):
     tests: _Text
     measured: _Text
     unreported: _Text
-    found: _Text
+    findings: _Text
     prediction: Annotated[str, Field(pattern=r"^\w+:\w+$")]
     abscissa: _Text
     ordinate: _Text
@@ -164,11 +164,16 @@ class Experiment(Model, frozen=True):
         records = [row | {"along": along} for row in records]
         return cls.model_validate({"name": folder.name, "rows": records} | texts)
 
-    def predict(self, photons: float, **changed: Any) -> tuple[Floats, Floats]:
-        """Return the computed values of the rows and their standard errors."""
+    def predict(
+        self, photons: float, changed: dict[str, Any] | None = None
+    ) -> tuple[Floats, Floats]:
+        """Return the computed values of the rows and their standard errors.
+
+        `changed` are unknown inputs by name, in place of their nominal values.
+        """
         room, name = self.prediction.split(":")
         function = getattr(import_module(f"{__package__}.{room}"), name)
-        inputs = {u.name: u.nominal for u in self.unknowns} | changed
+        inputs = {u.name: u.nominal for u in self.unknowns} | (changed or {})
         predictions = [function(row, photons, **inputs) for row in self.rows]
         value, stderr = np.array([v if isinstance(v, tuple) else (v, 0.0) for v in predictions]).T
         return value, stderr
@@ -263,7 +268,7 @@ class MeasuredTable(Stored, kind="measured", title="meshtrace measured against c
     dominant: _Words
     provenance: dict[str, Any]
 
-    def rows(self) -> list[tuple[str, ...]]:
+    def text_rows(self) -> list[tuple[str, ...]]:
         """Return the rows of the table as texts."""
         return [
             (
@@ -288,7 +293,7 @@ class MeasuredTable(Stored, kind="measured", title="meshtrace measured against c
 
     def summary(self) -> str:
         """Return the table and the counts as text for a terminal."""
-        return f"{text_table(self.rows(), HEADINGS)}\n\n{self._headline()}"
+        return f"{text_table(self.text_rows(), HEADINGS)}\n\n{self._headline()}"
 
     def save(self, path: str | Path) -> None:
         """Write the table as netCDF, or as CSV if the name ends in .csv."""
@@ -361,7 +366,7 @@ def _compared(experiment: Experiment, photons: float) -> Iterator[tuple[Any, ...
     """Yield the rows of the table in the order of its fields, computed with all unknown inputs."""
     value, stderr = experiment.predict(photons)
     ends = {
-        u.name: np.array([experiment.predict(photons, **{u.name: v})[0] for v in u.others])
+        u.name: np.array([experiment.predict(photons, {u.name: v})[0] for v in u.others])
         for u in experiment.unknowns
     }
     band = band_of(value, stderr, ends)

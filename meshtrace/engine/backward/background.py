@@ -299,7 +299,7 @@ class _Walk(NamedTuple):
         self, link: Link, links: Sequence[Link], day: Daylight, rays: NDArray[np.int64],
         tinting: Tinting, mixture: Mixture,
     ) -> Floats:  # fmt: skip
-        """Return the radiances (wavelengths, shifts, 2) that photons of `link` give for `links`.
+        """Estimate the radiances (wavelengths, shifts, 2) of `links` from photons of `link`.
 
         Sums over `rays`, divided by the number of all photons of a shift.
         """

@@ -66,7 +66,7 @@ class View(NamedTuple):
     first: int = 0  # number of the first ray of a block among all rays
 
     def blocks(self) -> Iterator[View]:
-        """Yield the view with the rays of some shifts at a time."""
+        """Yield the view in blocks of shifts."""
         # Whole shifts: the standard error comes from their spread.
         rays = self.per_shift * max(_BLOCK // self.per_shift, 1)
         for first in range(0, len(self.uniforms), rays):
@@ -329,7 +329,7 @@ def _irradiance(
     scene: SeenSea, facets: NDArray[np.int64], law: Bending, view: View, point: Floats,
     depths: Sequence[Depth],
 ) -> Floats:  # fmt: skip
-    """Return the irradiance by bent sunlight at a point of the aperture, over that of the sun.
+    """Return the irradiance by refracted sunlight at a point of the aperture, over the sun's.
 
     Shape (indices,) for a reflection, (wavelengths,) for a refraction with `depths`.
     """

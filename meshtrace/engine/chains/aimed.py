@@ -569,7 +569,7 @@ def search_extent(surface: MeshArrays, facets: NDArray[np.void], bins: Locator) 
 
 
 def _one_block(facets: NDArray[np.int64]) -> microfacets.Blocks:
-    """Return facets in one block of infinite size, which excludes none of them."""
+    """Return all facets as one block of infinite size, so that none is excluded."""
     wide = np.full(1, math.inf)
     return microfacets.Blocks(np.array([0, len(facets)]), facets, np.zeros((1, 3)), wide, wide)
 
@@ -611,7 +611,7 @@ def _rule(on_disk: Nodes, longer: float) -> microfacets.Rule:
 
 @cache
 def gauss_rules(most: int) -> Floats:
-    """Return Gauss's nodes and weights over (-1/2, 1/2), those of n nodes in row n - 1.
+    """Tabulate Gauss-Legendre nodes and weights over (-1/2, 1/2); row n - 1 has n nodes.
 
     Shape (2, most, most); a row ends in zeros.
     """

@@ -133,7 +133,7 @@ class Block(NamedTuple):
 
 
 class Drawing(NamedTuple):
-    """Chains of a request, stored for further surfaces or drawn again for each of them."""
+    """Chains of a request, either stored or drawn again for each surface."""
 
     request: Request
     chains: ChainSet | None
@@ -258,7 +258,7 @@ class ChainDrawer:
         return chains
 
     def _representatives(self) -> list[int]:
-        """Return the receivers whose crossings of still water serve others nearby."""
+        """Return the receivers that lend their still-water crossings to their neighbours."""
         return list(dict.fromkeys(self.link.stands_for.tolist()))
 
     def _bytes(self, request: Request, receivers: int) -> int:
@@ -432,7 +432,7 @@ def shifted(points: Floats, shifts: Floats) -> Floats:
 
 @cache
 def _still_surface() -> MeshArrays:
-    """Return a square of still water; only its level is used, so crossings beside it are valid."""
+    """Return a square of still water; only its level is used, so crossings off it are valid."""
     return surface_arrays(flat_mesh(-np.ones(2), np.ones(2)), "facet")
 
 

@@ -86,8 +86,8 @@ class Frame(NamedTuple):
             return medium
         # optical depths have no unit: tables of integrals stay as they are
         scaled = {name: getattr(medium, name) * self.unit for name in _PER_LENGTH}
-        lengths = {name: getattr(medium, name) / self.unit for name in _LENGTHS}
-        return medium._replace(**scaled, **lengths)
+        scaled |= {name: getattr(medium, name) / self.unit for name in _LENGTHS}
+        return medium._replace(**scaled)
 
 
 IDENTITY = Frame(0.0, 0.0, 1.0)
@@ -122,7 +122,7 @@ NO_BINS = Locator(0.0, 0.0, 1.0, 0, 0, np.zeros(1, np.int64), np.zeros(0, np.int
 
 
 def _code(codes: type[IntEnum], name: str) -> int:
-    """Return the code of a switch by its name, as a plain integer (faster dispatch in numba)."""
+    """Return the code of a named switch, as a plain integer (faster dispatch in numba)."""
     return int(codes[name.upper().replace("-", "_")])
 
 

@@ -36,7 +36,7 @@ def _scene(bodies: tuple[Body, ...], frame: Frame) -> EmbreeIntersector:
 
 
 def body_arrays(link: Link, scene: EmbreeIntersector) -> BodyArrays:
-    """Return the facets of the bodies of a link, with their albedos at its wavelength."""
+    """Return the facets and albedos of the bodies of a link, at its wavelength."""
     bodies, mesh = link.bodies, scene.mesh
     sizes, wavelength = [body.n_facets for body in bodies], link.transmitters[0].wavelength_nm
     return BodyArrays(

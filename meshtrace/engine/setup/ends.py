@@ -95,7 +95,7 @@ class ForcedLink(NamedTuple):
         return list(np.ndindex(len(self.emitters), len(self.targets)))
 
     def receiver(self, emitter: int, target: int) -> int:
-        """Return which of the two indices of a pair is that of the receiver."""
+        """Return the index of the receiver of a pair."""
         return emitter if self.down else target
 
     @property
@@ -121,7 +121,7 @@ def require_height_field(mesh: TriangleMesh) -> None:
 
 
 def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
-    """Return the link as arrays and numbers, in a given local frame or that of the link.
+    """Convert a link to arrays and numbers, in the given local frame or the link's.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
 
 
 def require_points(link: Link) -> None:
-    """Refuse an extended source, whose light joined photons follow but no chains."""
+    """Refuse extended sources: joined photons follow their light, chains do not."""
     for path, item in link.items():
         if isinstance(item, Source) and item.size > 0.0:
             raise Refused(path, Described(f"a radius of {item.size:g} m"), POINTS_ONLY)
@@ -336,7 +336,7 @@ def expected_water(link: Link, crest: float) -> Medium:
 
 
 def emitter_of(end: Source | Aperture, frame: arrays.Frame = arrays.IDENTITY) -> Emitter:
-    """Return a source, or an aperture whose light is reversed, as numbers in a frame."""
+    """Convert a source, or an aperture that emits reversed light, to numbers in a frame."""
     position, disk = _placed(end, frame), across(end.axis)
     if isinstance(end, Aperture):
         axis, radius = Vec3(*(-x for x in end.axis)), end.radius / frame.unit

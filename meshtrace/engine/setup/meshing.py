@@ -200,7 +200,7 @@ def _is_narrow(link: Link, f: Footprint) -> bool:
 def _resolving(
     link: Link, surface: SurfaceModel, f: Footprint, per_wave: float, time: float, fine_patch: float
 ) -> Footprint:
-    """Return a footprint whose fine part resolves the waves where unscattered light crosses.
+    """Refine a footprint to resolve the waves where unscattered light crosses.
 
     Outside, each spacing is 10 % wider than the last (`triangulate.GROWTH`). A footprint that would
     need more than `_MOST_IN_PATCH` facets stays as it is.
@@ -265,16 +265,15 @@ def _curvature(
     if isinstance(surface, WaveSum):
         k2, slopes = _slopes_by_wave(surface)
         return math.sqrt(float(np.sum(slopes * k2))), math.sqrt(float(np.sum(slopes * k2**2)))
-    # Differences of the exact slopes on a grid over the patch. Mixed second differences are left
-    # out, so that the third derivative of waves along a diagonal is too small by sqrt(2).
+    # differences of the exact slopes on a grid over the patch
     step = half / _NODES
     x, y = (middle + np.linspace(-half, half, 2 * _NODES + 1) for middle in center)
     slopes = np.stack(surface.slopes(*np.meshgrid(x, y, indexing="ij"), time))  # (2, x, y)
-    first, second = (
-        sum(float(np.mean(np.diff(slopes, n, axis=axis) ** 2)) for axis in (1, 2)) for n in (1, 2)
-    )
+    along = [np.diff(slopes, axis=axis) for axis in (1, 2)]
+    second = sum(float(np.mean(d**2)) for d in along)
+    third = sum(float(np.mean(np.diff(d, axis=axis) ** 2)) for d in along for axis in (1, 2))
     # the mean runs over the two components of the slope as well: twice the mean is their sum
-    return math.sqrt(2.0 * first) / step, math.sqrt(2.0 * second) / step**2
+    return math.sqrt(2.0 * second) / step, math.sqrt(2.0 * third) / step**2
 
 
 def _accurate_spacing(link: Link, curvature: float, curvature_change: float, tilts: float) -> float:
@@ -332,7 +331,7 @@ def _require_size(f: Footprint, meshing: Meshing) -> None:
 
 
 def require_cover(link: Link, mesh: TriangleMesh) -> None:
-    """Refuse a mesh that does not cover all ends, or whose waves reach a source or a receiver."""
+    """Refuse a mesh that misses an end horizontally, or whose waves reach one."""
     low, high = mesh.bounds
     for path, item in link.items():
         x, y, z = item.center

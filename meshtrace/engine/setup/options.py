@@ -328,7 +328,7 @@ class Run(Model, frozen=True):
         # left unset, so that a surface with overhangs can still choose the analog estimator
         if not chosen and not chosen_options:
             return rest
-        return {**rest, "estimator": estimator.replace(**chosen_options)}
+        return rest | {"estimator": estimator.replace(**chosen_options)}
 
     @model_validator(mode="after")
     def _default_photons(self) -> Self:
@@ -346,7 +346,7 @@ class Run(Model, frozen=True):
         """Return the options as plain data, options of the estimator at the top level."""
         rest = self.model_dump(mode="json", exclude={"estimator"})
         options = self.estimator.model_dump(mode="json")
-        return {"estimator": options.pop("kind"), **rest, **options}
+        return {"estimator": options.pop("kind")} | rest | options
 
 
 def require_options(options: Mapping[str, Any], kind: type[RunOptions]) -> None:

@@ -152,7 +152,7 @@ def paths_alone(link: Link, wavelength: int = 0) -> CommonPaths:
 
 
 def _albedos(link: Link) -> list[float]:
-    """Return the albedos of the bodies of a link at its wavelength."""
+    """Return the albedo of each body at the wavelength of the link."""
     return [body.albedo_at(link.transmitters[0].wavelength_nm) for body in link.bodies]
 
 
@@ -226,7 +226,7 @@ def tinting(
 
 
 def _bubbles(base: Link, links: Sequence[Link], angle: Floats) -> tuple[Floats, Floats]:
-    """Return the scattering by bubbles at each wavelength, relative to that of the base.
+    """Return the scattering by bubbles at each wavelength, relative to the base.
 
     The first array is b_j p_j(angle) / b, shape (1 + links, angles), with the base first. The
     second is b_j / b - 1, shape (links, 1): the relative excess of attenuation by bubbles.
@@ -248,7 +248,7 @@ def _bubbles(base: Link, links: Sequence[Link], angle: Floats) -> tuple[Floats, 
 
 
 def _logs(values: Floats) -> Floats | None:
-    """Return the logarithms of values (1 + links, n) relative to the first, those of the base.
+    """Return logarithms of values (1 + links, n) relative to row 0, the base.
 
     None if a link scatters where the base does not: no path of the base carries such light.
     """
@@ -267,7 +267,7 @@ _MOST_BASES = 4  # tuned
 
 
 def common_paths(links: Sequence[Link], base: int, waiting: Sequence[int]) -> CommonPaths:
-    """Return those of the waiting links that can share the paths of a base, all if possible.
+    """Select the waiting links that can share the paths of a base, all if possible.
 
     `base` and `waiting` are indices into `links`. Photons are traced at several of the wavelengths
     in turn if they can sum up the tints of these.
@@ -295,7 +295,7 @@ def common_paths(links: Sequence[Link], base: int, waiting: Sequence[int]) -> Co
 
 
 def _in_turn(links: Sequence[Link]) -> list[int]:
-    """Return the indices of links whose photons are traced in turn, strongest scattering first.
+    """Return the order in which links are traced, strongest scattering first.
 
     They are so close that the distributions of their numbers of scatterings, roughly Poisson laws,
     overlap.
@@ -334,7 +334,7 @@ def _is_alike(first: Link, link: Link) -> bool:
 
 
 def clearest(links: Sequence[Link]) -> Link:
-    """Return the link of least absorption, whose light reaches farthest: its mesh suits all."""
+    """Return the link of least absorption; its light reaches farthest, so its mesh suits all."""
     return min(links, key=lambda link: link.water.a)
 
 

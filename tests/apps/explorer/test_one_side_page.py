@@ -29,6 +29,7 @@ UNDER = (Path(__file__).parents[3] / "examples" / "mirror.toml").read_text(encod
 @pytest.mark.filterwarnings("ignore::meshtrace.FewSamplesWarning")
 @pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
 @pytest.mark.thorough
+@pytest.mark.slow_but("over")
 @pytest.mark.parametrize("text", [UNDER, OVER], ids=["under", "over"])
 def test_all_stages(text, monkeypatch):
     for name in ("CHAINS", "FADING_CHAINS"):

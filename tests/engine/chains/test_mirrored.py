@@ -208,17 +208,27 @@ def compare(link, mesh, slopes=(0.0, 0.0), each=1):
     return z
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("sea", ["sinusoid", "steep", "jonswap"])
-@pytest.mark.parametrize("name", LINKS)
+def with_seas(*seas):
+    """Return all pairs of a link and a sea; but for one a link, by turns, they are slow."""
+    return pytest.mark.parametrize(
+        ("name", "sea"),
+        [
+            pytest.param(
+                name, sea, marks=pytest.mark.thorough if i % len(seas) == k else pytest.mark.slow
+            )
+            for i, name in enumerate(LINKS)
+            for k, sea in enumerate(seas)
+        ],
+    )
+
+
+@with_seas("sinusoid", "steep", "jonswap")
 def test_waves(name, sea):
     """Shadows, caustics, views, flat light and total reflection over smooth waves."""
     assert abs(compare(LINKS[name], sea_mesh(sea), each=2)) < LIMIT
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("sea", ["steep", "jonswap"])
-@pytest.mark.parametrize("name", LINKS)
+@with_seas("steep", "jonswap")
 def test_random_slopes(name, sea):
     """Random slopes along and across the wind on top of those of the waves."""
     slopes, mesh = (0.12, 0.08), sea_mesh(sea)
@@ -233,7 +243,7 @@ def test_random_slopes_of_a_level_sea():
     link, deviation = under(radius=0.1), 0.1
     variances = deviation**2, deviation**2
     mesh = dataclasses.replace(FLAT, unresolved=UnresolvedSlopes(variances, variances))
-    step = 0.02
+    step = 0.04
     x = np.arange(-25.0, 25.0, step) + 0.5 * step
     p = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((len(x), len(x)))], axis=-1)
     way, on = p - np.array(link.transmitter.center), np.array(link.receiver.center) - p

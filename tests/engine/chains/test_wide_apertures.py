@@ -224,7 +224,7 @@ def random_mesh(rng, link, seed):
 @pytest.mark.parametrize(
     ("first", "links", "photons"),
     [
-        pytest.param(1000, 20, 500_000, marks=pytest.mark.thorough),
+        pytest.param(1000, 10, 500_000, marks=pytest.mark.thorough),
         pytest.param(0, 500, 1_500_000, marks=pytest.mark.slow),
     ],
 )
@@ -247,8 +247,9 @@ def test_random_links_against_photons(first, links, photons):
     assert stats.chi2.sf(sum(squares), len(squares)) > ALPHA
 
 
+@pytest.mark.parametrize("links", [24, pytest.param(48, marks=pytest.mark.slow)])
 @pytest.mark.thorough
-def test_the_error_over_smooth_facets_is_that_of_finer_parts():
+def test_the_error_over_smooth_facets_is_that_of_finer_parts(links):
     """Once a stated error of 0 for gains that were wrong by up to 2e-3."""
     rng, deviations = np.random.default_rng(6), []
     surfaces = (
@@ -257,7 +258,7 @@ def test_the_error_over_smooth_facets_is_that_of_finer_parts():
         JonswapSea(wind_speed=4.0, seed=1),
         JonswapSea(wind_speed=11.0, seed=2),
     )
-    for k in range(48):
+    for k in range(links):
         link = random_link(rng)
         mesh = meshing.mesh_for(link, surfaces[k % 4], reach=ends.crossing_reach(link))[0]
         smooth = mt.TriangleMesh(mesh.vertices, mesh.faces, mesh.vertex_normals)
@@ -270,6 +271,6 @@ def test_the_error_over_smooth_facets_is_that_of_finer_parts():
         limit = finer + (finer - gains.gain[0]) / 3.0
         assert 0.0 < gains.stderr[0] < 0.01 * gains.gain[0]
         deviations.append((gains.gain[0] - limit) / gains.stderr[0])
-    assert len(deviations) > 36
+    assert len(deviations) > 0.75 * links
     assert np.abs(deviations).max() < 4.0
     assert 0.3 < np.sqrt(np.mean(np.square(deviations))) < 1.5
