@@ -10,7 +10,6 @@ from typing import Any, Literal
 import numpy as np
 import pyvista as pv
 from matplotlib.colors import to_rgb
-from scipy.spatial.transform import Rotation
 
 from meshtrace.link import Link, Receiver
 from meshtrace.link.receivers import Aperture
@@ -479,4 +478,10 @@ def rotation_from_z(normal: Vector) -> np.ndarray:
     if normal[2] < -1.0 + 1e-12:
         # to turn +z straight down any horizontal axis will do: half a turn about x
         return np.diag([1.0, -1.0, -1.0])
-    return Rotation.align_vectors([normal], [Z])[0].as_matrix()
+    # Rodrigues' formula for the axis Z x n; scipy's rotations take half a second to import
+    x, y, z = normal
+    # 1 / (1 + z), which loses its digits below the horizon
+    s = 1.0 / (1.0 + z) if z > 0.0 else (1.0 - z) / (x * x + y * y)
+    return np.array(
+        [[1.0 - s * x * x, -s * x * y, x], [-s * x * y, 1.0 - s * y * y, y], [-x, -y, z]]
+    )

@@ -134,6 +134,20 @@ def test_a_run_with_compiled_kernels_loads_no_more_than_it_needs():
 
 
 @pytest.mark.process
+@pytest.mark.thorough
+@pytest.mark.parametrize(("name", "heavy"), [
+    ("plot", {"meshtrace.engine.simulate", "meshtrace.link", "meshtrace.comms", "pyvista"}),
+    ("view", {"xarray", "pandas", "meshtrace.viz.marks", "scipy.ndimage", "scipy.spatial"}),
+])  # fmt: skip
+def test_pictures_load_no_more_than_they_need(name, heavy):
+    pytest.importorskip("pyvista")
+    integrals = {"scipy.integrate", "scipy.interpolate", "scipy.optimize", "scipy.stats"}
+    studies = {"meshtrace.studies.campaign", "meshtrace.validation"}
+    loaded = modules_after(f"import meshtrace.viz\nmeshtrace.viz.{name}")
+    assert not loaded & (heavy | integrals | studies)
+
+
+@pytest.mark.process
 def test_schemas_are_built_for_the_models_that_a_run_uses():
     code = """
 import meshtrace as mt
