@@ -160,7 +160,7 @@ def received_paths(
     # no paths
     aimed, sets = forced.planner.aim_over(mesh), forced.sets(unscattered=True)
     arrays = forced.arrays
-    shares, paths = list[float](), list[Floats]()
+    shares, paths = list[float](), list[tuple[Chains, np.void, Emitter, Target]]()
     # To the first receiver: target 0 of each source of an uplink. Chains of a downlink run
     # backwards: emitter 0 is the receiver, and the targets are the sources.
     for s, power in enumerate(arrays.power):
@@ -175,7 +175,7 @@ def received_paths(
             # light
             drawn = rng.choice(len(arrivals), min(n, len(arrivals)), p=weight / weight.sum())
             ends = arrays.emitters[e], arrays.targets[t]
-            paths += [_placed(chain_set.chains, arrivals[k], *ends) for k in drawn]
+            paths += [(chain_set.chains, arrivals[k], *ends) for k in drawn]
             # each has an equal share of the light of the set
             shares += [float(weight.sum()) / max(len(drawn), 1)] * len(drawn)
     if not paths:
@@ -184,11 +184,13 @@ def received_paths(
     # a second draw over all orders and sources, again in proportion to the light
     total = float(sum(shares))
     chosen = rng.choice(len(paths), n, p=np.array(shares) / total)
-    out = _empty(max(len(paths[i]) for i in chosen), np.arange(n, dtype=np.int64))
-    for k, i in enumerate(chosen):
-        m = len(paths[i])
+    # a path is placed once it is chosen: a few in a hundred are
+    placed = [_placed(*paths[i]) for i in chosen]
+    out = _empty(max(map(len, placed)), np.arange(n, dtype=np.int64))
+    for k, path in enumerate(placed):
+        m = len(path)
         # light that goes down is followed backwards: the order of its vertices is reversed
-        out.vertex[k, :m] = arrays.frame.metres(paths[i][:: -1 if arrays.down else 1])
+        out.vertex[k, :m] = arrays.frame.metres(path[:: -1 if arrays.down else 1])
         out.weight[k, :m] = total / n
         out.what[k, :m] = Vertex.SCATTER
         out.what[k, 0] = Vertex.SOURCE
