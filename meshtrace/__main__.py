@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import _thread
+import gc
 import os
 import signal
 import sys
@@ -21,6 +22,9 @@ def main() -> None:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _interrupt)
     sys.excepthook, sys.unraisablehook = _report, _unraisable
+    # imports make some 10^6 objects that stay: at Python's threshold of 700 the search for cycles
+    # among them takes an eighth of a warm command
+    gc.set_threshold(50_000, 20, 20)
     try:
         from meshtrace.cli import app
 

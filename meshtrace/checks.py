@@ -12,7 +12,7 @@ import math
 import operator
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial, wraps
+from functools import cache, partial, wraps
 from pathlib import Path
 from types import MappingProxyType, NoneType, UnionType
 from typing import (
@@ -195,9 +195,12 @@ def check_methods(cls: type[T]) -> type[T]:
     if not cls.__module__.startswith("meshtrace."):
         return cls
     for name, member in list(vars(cls).items()):
-        function = getattr(member, "__func__", member)
+        # before any look at a private member: pydantic would build a schema that may not be needed.
         # `model_validate` accepts any object, and the model refuses it
-        if name.startswith("_") or name == "model_validate" or not inspect.isfunction(function):
+        if name.startswith("_") or name == "model_validate":
+            continue
+        function = getattr(member, "__func__", member)
+        if not inspect.isfunction(function):
             continue
         # a single annotation is that of the returned value: there is nothing to check
         if not hasattr(function, "__checked__") and len(function.__annotations__) > 1:
@@ -305,7 +308,32 @@ class _Later(type):
 def _parameter(name: str, hint: Any) -> _Check | None:
     """Return the validator of a parameter, None if any value is accepted."""
     kind = _typed(hint, _Limits(name))
-    return None if kind is Any else partial(_checked, name, pydantic.TypeAdapter(kind))
+    if kind is Any:
+        return None
+    # made when it is first needed, as most never are: it takes longer than the check of a value
+    adapter = cache(partial(pydantic.TypeAdapter, kind))
+    parts = get_args(kind) if get_origin(kind) is Union else (kind,)
+    several = [part for part in parts if part is not NoneType]
+    convert = _converter(several[0]) if len(several) == 1 else None
+    if convert is None:
+        return lambda value: _checked(name, adapter(), value)
+
+    def check(value: Any) -> Any:
+        if value is None and NoneType in parts:
+            return None
+        try:
+            return convert(value)
+        except (ValueError, AssertionError):  # what pydantic turns into its errors
+            return _checked(name, adapter(), value)
+
+    return check
+
+
+def _converter(kind: Any) -> _Check | None:
+    """Return the function that validates a type alone, if it has one."""
+    parts = get_args(kind) if get_origin(kind) is Annotated else ()
+    alone = len(parts) == 2 and isinstance(parts[1], PlainValidator)
+    return parts[1].func if alone else None
 
 
 # ---- types -----------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ import inspect
 import os
 import re
 import sys
+import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -138,6 +139,9 @@ Position = tuple[Finite, Finite]
 Floats = NDArray[np.float64]
 
 
+_BUILDING = threading.RLock()
+
+
 # pydantic decorates its own metaclass alike, but type checkers do not inherit that
 @dataclass_transform(
     kw_only_default=True, frozen_default=True, field_specifiers=(Field, PrivateAttr, converted)
@@ -149,9 +153,24 @@ class _Documented(_ModelMetaclass):
         hidden = dir(pydantic.BaseModel)
         return [n for n in super().__dir__() if n not in hidden and not n.startswith("_")]
 
+    @property
+    def __signature__(cls) -> inspect.Signature:  # noqa: N805
+        """Signature that `help` shows, without types: the docstring has them."""
+        cls.model_rebuild()  # type: ignore[attr-defined]
+        typed: Any = cls._typed_signature
+        parameters = typed.parameters.values()
+        return inspect.Signature([p.replace(annotation=p.empty) for p in parameters])
+
+    @__signature__.setter
+    def __signature__(cls, typed: Any) -> None:  # noqa: N805
+        # pydantic sets it when it has the schema of the class, which is at the first use
+        cls._typed_signature = typed
+
 
 @check_methods
-class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Documented):
+class Model(
+    pydantic.BaseModel, frozen=True, extra="forbid", defer_build=True, metaclass=_Documented
+):
     """Validated, frozen, comparable description; loads back from its own `model_dump`.
 
     Raises
@@ -171,12 +190,9 @@ class Model(pydantic.BaseModel, frozen=True, extra="forbid", metaclass=_Document
 
     @classmethod
     def __pydantic_init_subclass__(cls, **options: Any) -> None:
-        """Remove the types from the signature that `help` shows: the docstring has them."""
+        """Check the arguments of the methods of each subclass."""
         super().__pydantic_init_subclass__(**options)
         check_methods(cls)
-        empty, signature = inspect.Parameter.empty, inspect.signature(cls)
-        parameters = [p.replace(annotation=empty) for p in signature.parameters.values()]
-        cls.__signature__ = inspect.Signature(parameters)
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
         """Yield the fields that differ from their defaults."""
@@ -409,6 +425,10 @@ def _replaced(part: Any, name: str, path: list[str], value: Any) -> Any:
 @contextmanager
 def _refusals(cls: type[Model]) -> Iterator[None]:
     """Turn errors of pydantic into `Refused`."""
+    if not cls.__pydantic_complete__:
+        # threads: before pydantic 2.12 two of them could build the schema of a class at once
+        with _BUILDING:
+            cls.model_rebuild()
     try:
         yield
     except pydantic.ValidationError as error:

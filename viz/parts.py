@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import pyvista as pv
 from matplotlib.colors import to_rgb
-from scipy.spatial.transform import Rotation
+from numpy.typing import ArrayLike
 
 from meshtrace.link import Link, Receiver
 from meshtrace.link.receivers import Aperture
@@ -399,8 +399,8 @@ def _add_beam(
     """
     stage, fraction = scene.stage, np.linspace(0.0, 1.0, 40)[:, None, None]
     attenuation = c if apex[2] < 0.0 else 0.0
-    for i in range(1, _SHELLS + 1):
-        rim = cone_rim(mesh, apex, axis, min(half_deg, 80.0) * i / _SHELLS, 2.0 * stage.size)
+    half_angles = min(half_deg, 80.0) * np.arange(1, _SHELLS + 1) / _SHELLS
+    for rim in cone_rim(mesh, apex, axis, half_angles, 2.0 * stage.size):
         points = np.array(apex) + fraction * (rim - apex)
         distance = np.linalg.norm(points - apex, axis=2)
         grid = pv.StructuredGrid(*(points[..., k][..., None] for k in range(3)))
@@ -410,24 +410,25 @@ def _add_beam(
 
 
 def cone_rim(
-    mesh: TriangleMesh, apex: Vector, axis: Vector, half_deg: float, longest: float
+    mesh: TriangleMesh, apex: Vector, axis: Vector, half_deg: ArrayLike, longest: float
 ) -> np.ndarray:
-    """Return the outline of a cone on the surface, closed, shape (97, 3) [m].
+    """Return the outlines of cones on the surface, closed, shape (*half_deg.shape, 97, 3) [m].
 
     Rays without a crossing within `longest` [m] end there.
     """
-    azimuth, half = np.linspace(0.0, 2.0 * math.pi, 97), math.radians(half_deg)
-    across = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1) * math.sin(half)
-    rays = np.column_stack([across, np.full(97, math.cos(half))]) @ rotation_from_z(axis).T
+    azimuth, half = np.linspace(0.0, 2.0 * math.pi, 97), np.radians(half_deg)[..., None]
+    across = np.cos(azimuth) * np.sin(half), np.sin(azimuth) * np.sin(half)
+    rays = np.stack(np.broadcast_arrays(*across, np.cos(half)), axis=-1) @ rotation_from_z(axis).T
     # towards: +1 up from under water, -1 down from the air
     elevation, towards = surface_sampler(mesh), -math.copysign(1.0, apex[2])
     # level rays and those that turn away end at the longest length
-    climb = np.maximum(towards * rays[:, 2], 1e-3)
-    rim, z = np.empty_like(rays), np.zeros(97)
+    climb = np.maximum(towards * rays[..., 2], 1e-3)
+    rim, z = np.empty_like(rays), np.zeros(climb.shape)
     for _ in range(6):  # fixed point, tuned: the end of a ray is as high as the sea there
         length = np.clip(towards * (z - apex[2]) / climb, 0.0, longest)
-        rim = np.array(apex) + length[:, None] * rays
-        z = elevation(rim[:, :2])
+        rim = np.array(apex) + length[..., None] * rays
+        # all cones at once: VTK takes milliseconds to set a search up
+        z = elevation(rim[..., :2].reshape(-1, 2)).reshape(climb.shape)
     return rim
 
 
@@ -479,4 +480,10 @@ def rotation_from_z(normal: Vector) -> np.ndarray:
     if normal[2] < -1.0 + 1e-12:
         # to turn +z straight down any horizontal axis will do: half a turn about x
         return np.diag([1.0, -1.0, -1.0])
-    return Rotation.align_vectors([normal], [Z])[0].as_matrix()
+    # Rodrigues' formula for the axis Z x n; scipy's rotations take half a second to import
+    x, y, z = normal
+    # 1 / (1 + z), which loses its digits below the horizon
+    s = 1.0 / (1.0 + z) if z > 0.0 else (1.0 - z) / (x * x + y * y)
+    return np.array(
+        [[1.0 - s * x * x, -s * x * y, x], [-s * x * y, 1.0 - s * y * y, y], [-x, -y, z]]
+    )

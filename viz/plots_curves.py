@@ -5,20 +5,21 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from meshtrace.comms.background import name_of_light
 from meshtrace.errors import Described, Refused
 from meshtrace.fields import FIELDS, attrs
 from meshtrace.results.series import ByWavelength, by_wavelength
-from meshtrace.studies.performance import DepthSweep, LinkPerformance
 
 from .marks import along, axes, curves, finished, lines, note, variable
 from .style import INK, label_of, verbatim
+
+if TYPE_CHECKING:  # studies take as long to import as matplotlib
+    from meshtrace.studies.performance import DepthSweep, LinkPerformance
 
 _LEAST_BUBBLES = 1e-6  # lower end of the axis (tuned), relative to the densest layer
 
@@ -330,12 +331,17 @@ def plot_performance(
             ax.set_title(f"depth {performance.depths[0]:g} m", loc="left")
     if f"{quantity}_low" in shown:
         seas = performance.provenance["realizations"]
-        light_name = verbatim(name_of_light(performance.light))
         band = f"n = {seas} seas, band: {100.0 * performance.confidence:g} %"
-        note(ax, f"{band}, background light: {light_name}")
+        note(ax, f"{band}, {_light_name(performance)}")
     caption = performance.status, (0.0, -0.17)
     ax.annotate(*caption, xycoords="axes fraction", fontsize=7.5, va="top", wrap=True)
     return ax
+
+
+def _light_name(performance: LinkPerformance) -> str:
+    from meshtrace.comms.background import name_of_light
+
+    return f"background light: {verbatim(name_of_light(performance.light))}"
 
 
 def plot_winds(result: DepthSweep, *, ax: Axes | None = None) -> Axes:
@@ -344,7 +350,7 @@ def plot_winds(result: DepthSweep, *, ax: Axes | None = None) -> Axes:
     At a single depth, the abscissa is the wind speed, with one curve for each bit rate.
     """
     data, first = result.to_dataset(), result.performances[0]
-    title = f"background light: {verbatim(name_of_light(first.light))}"
+    title = _light_name(first)
     if len(first.depths) == 1:
         data = _by_rate(data.isel(depth=0, drop=True).transpose("bit_rate", "wind_speed"))
         title = f"depth {first.depths[0]:g} m, {title}"

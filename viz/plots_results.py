@@ -3,35 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
-from scipy.ndimage import gaussian_filter
 
 from meshtrace import fading
-from meshtrace.comms.pulses import Eye
 from meshtrace.errors import Described, Refused
-from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.results.daylight import PARTS, Background, BackgroundSeries, IrradianceSeries
 from meshtrace.results.gain import FATE_MEANING, Fate, GainResult
 from meshtrace.results.impulse import ImpulseResponse
 from meshtrace.results.series import CoverageMap, GainSeries, as_high, place_of_highest
-from meshtrace.uav import Route
 
 from . import marks
 from .plots_curves import plot_curves
 from .style import INK, LED_COLOR, PALETTE, axis_label, verbatim
+
+if TYPE_CHECKING:
+    from meshtrace.comms.pulses import Eye
 
 # Tuned, for the eye.
 _SHOWN = 1e-6  # smallest gain of an order of scattering that is drawn, over the largest
 _TIMES_SHOWN = 10.0  # length of the axis of lags, in coherence times
 _COVERED = 20.0  # range of the colours of a map below its highest gain [dB]
 _LARGEST_ERROR = 0.4  # largest relative standard error of a bin of an impulse response drawn
-_FITS = {"lognormal": fading.fit_lognormal, "gamma-gamma": fading.fit_gamma_gamma}
+# names of functions, which load the closed forms when they are first used
+_FITS = {"lognormal": "fit_lognormal", "gamma-gamma": "fit_gamma_gamma"}
 
 
 def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
@@ -166,6 +167,8 @@ def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
     origin = getattr(series, "provenance", {})
     if "route" not in origin:
         raise Refused("series", Described("no route"), "a time series along a route")
+    from meshtrace.uav import Route
+
     ax, route = marks.axes(ax), Route.model_validate(origin["route"])
     # the height, here 1 m, does not matter from above
     x, y = route.at(series.time, 1.0).position.T
@@ -174,6 +177,8 @@ def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
     # the colour bar along the longer side
     side = "bottom" if np.ptp(x) > 1.5 * np.ptp(y) else "right"
     ax.figure.colorbar(points, ax=ax, label=axis_label("gain"), location=side)
+    from meshtrace.link import Link
+
     link = Link.model_validate(origin["link"])
     places = np.transpose([source.position for source in link.transmitters])
     ax.plot(*places, "*", color=LED_COLOR, mec=INK, ms=12, zorder=1.5, label="source")
@@ -274,7 +279,7 @@ def _fitted(
     data = _dataset(series, "gain", "gain_stderr")
     gain = data["gain"].to_numpy(), data["gain_stderr"].to_numpy()
     without_noise = fading.remove_noise(*gain)
-    return gain, {name: _FITS[name](without_noise) for name in names}
+    return gain, {name: getattr(fading, _FITS[name])(without_noise) for name in names}
 
 
 def _dataset(result: GainSeries | CoverageMap | xr.Dataset, *names: str) -> xr.Dataset:
@@ -364,6 +369,8 @@ def plot_coverage(
         ax.figure.set(figwidth=5.3)  # [inch] tuned: a square map and its colour bar
     label, shown = axis_label("gain"), gain
     # smoothed by a cell: contours of a noisy map would be islands of single cells
+    from scipy.ndimage import gaussian_filter  # here: maps alone need it
+
     smooth = gaussian_filter(gain, 1.0, mode="nearest")
     low, top = None, None
     if decibel and gain.max() > 0.0:

@@ -21,7 +21,6 @@ from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Model, Positive
 from meshtrace.results.gain import GainResult
 from meshtrace.results.series import CoverageMap
-from meshtrace.studies.coverage import coverage_map
 
 from . import parts
 from .export import surface_sampler, to_pyvista
@@ -182,6 +181,8 @@ def scene(
     if isinstance(coverage, int):
         if link is None:
             raise Refused("coverage", Described("of a mesh alone"), "with a link")
+        from meshtrace.studies.coverage import coverage_map
+
         half, photons = 0.5 * stage.half, coverage
         coverage = coverage_map(
             link, surface, half, half / 20.0, times=(time,), photons=photons, seed=seed

@@ -27,12 +27,8 @@ from meshtrace.parallel import paced
 from meshtrace.results.daylight import IrradianceSeries
 from meshtrace.results.gain import GainResult
 from meshtrace.results.series import GainSeries
-from meshtrace.studies.caustics import light_pattern, pattern_ends
-from meshtrace.studies.series import time_series
 
 from .export import export_scene, require_suffix, save_html
-from .marks import seen_from_above
-from .plots_results import plot_gain_series
 from .scenes import RECEIVED_SHOWN, SceneStyle, Shown, scene
 from .style import CHALK, DUSK, FATE_COLORS, NIGHT, PALETTE, RC, axis_label, water_map
 
@@ -103,6 +99,8 @@ def save_movie(
         If the suffix is not .mp4 or .gif, there are fewer than two times, or the gain has other
         times.
     """
+    from meshtrace.studies.series import time_series
+
     frame_times, path = require_finite(times, "times", "two times or more"), Path(path)
     if len(frame_times) < 2:
         raise Refused("times", frame_times.tolist(), "two times or more")
@@ -181,6 +179,8 @@ def save_light(
     height = link.only_receiver.height
     extent = 0.4 * height if extent is None else extent
     step = extent / _CELLS if step is None else step
+    from meshtrace.studies.caustics import light_pattern, pattern_ends
+
     pattern_ends(link, surface, extent, step)  # refuses what has no pattern
     # all waves that make the light fade: those of a mean gain are longer than most patterns
     surface = resolve_band(link, surface, fading=True)
@@ -342,6 +342,8 @@ def _beside_gain(
     pictures: Iterable[NDArray[np.uint8]], gain: GainSeries
 ) -> Iterator[NDArray[np.uint8]]:
     """Yield frames: pictures of the scene on the left, the gain up to their times on the right."""
+    from .plots_results import plot_gain_series
+
     figure, times, gains = _figure(SIZE, 100), gain.coordinate, gain.gains[:, 0]
     with mpl.rc_context(RC | dict.fromkeys(_TEXTS, CHALK)):
         figure.set_layout_engine("none")
@@ -392,6 +394,8 @@ def _save_maps(
     options: dict[str, Any], progress: Callable[[int], None] | None,
 ) -> Path:  # fmt: skip
     """Write maps side by side: the first frame as a .png, or all as a movie."""
+    from .marks import seen_from_above
+
     figure = _figure(LIGHT_SIZE, 80)
     axes = figure.subplots(1, len(maps), squeeze=False)[0]
     images = []

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import subprocess
+import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from itertools import chain, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,23 +34,38 @@ def progress(
     `kernels` names estimators, separated by spaces: if the kernels of one have yet to be compiled,
     the first status says so. Without a terminal each status is a line of stderr.
     """
-    from rich import progress as rich
-    from rich.console import Console
-
+    quiet = quiet or total == 0
     # standard output is for results, which other programs may read
-    console, quiet = Console(stderr=True), quiet or total == 0
-    shown = console.is_terminal and not quiet
-    with rich.Progress(console=console, transient=True, disable=not shown) as bar:
-        task = bar.add_task("building the sea", total=None)
+    shown = not quiet and _is_on_terminal()
+    with _bar() if shown else nullcontext() as bar:
 
         def say(status: str) -> None:
-            bar.update(task, description=status)
-            if not (shown or quiet):
+            if bar is not None:
+                bar.update(bar.task_ids[0], description=status)
+            elif not quiet:
                 typer.echo(status, err=True)
+
+        def advance(done: int) -> None:
+            if bar is not None:
+                bar.update(bar.task_ids[0], description=doing, total=total, advance=done)
 
         if not all(map(kernels_are_compiled, kernels.split())):
             say(COMPILING)
-        yield say, lambda done: bar.update(task, description=doing, total=total, advance=done)
+        yield say, advance
+
+
+def _is_on_terminal() -> bool:
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
+def _bar() -> Any:
+    """Return a progress bar on stderr, with one task."""
+    from rich.console import Console  # imported here: without a terminal it is not needed
+    from rich.progress import Progress
+
+    bar = Progress(console=Console(stderr=True), transient=True)
+    bar.add_task("building the sea", total=None)
+    return bar
 
 
 @contextmanager

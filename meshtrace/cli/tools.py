@@ -205,19 +205,27 @@ def _content(file: Path) -> object:
 
 @command()
 def warm() -> None:
-    """Compile the kernels of both estimators and of coverage maps; keep them for later runs."""
+    """Compile the kernels of gains, several wavelengths, maps and daylight; keep them."""
     from meshtrace.kernels.jit import folder
 
     start, sea = time.perf_counter(), mt.JonswapSea()
     # each of these links calls kernels that the others do not
     several = mt.Link(water=mt.Water(bottom_depth=20.0), receiver=(mt.Receiver(), mt.Receiver()))
-    links = [mt.Link().mirrored(), mt.Link(physics=mt.Physics(unresolved="none")), several]
+    turbid = mt.Link(water=mt.Water(a=0.1, b=1.0))
+    links = [mt.Link().mirrored(), mt.Link(physics=mt.Physics(unresolved="none")), several, turbid]
+    clear, murky = (mt.Link(water=mt.Water.from_type(name)) for name in ("jerlov-IB", "jerlov-9C"))
+    colours = {"photons": 64, "wavelengths_nm": [450.0, 550.0]}
+    day = mt.Daylight(direct=1.0, diffuse=0.2)
     runs: list[Callable[[], Any]] = [
         # the default sea of `meshtrace run` has another mesh than `sea` has in `simulate`
         opt.Changes().scenario(None).simulate,
         *(partial(mt.simulate, link, sea, photons=64) for link in links),
         partial(mt.simulate, mt.Link(), sea, "analog", photons=64),
         partial(mt.coverage_map, mt.Link(), sea, extent=1.0, step=0.5, rtol=0.5),
+        *(partial(mt.simulate, link, sea, **colours) for link in (clear, murky)),
+        partial(mt.simulate, clear, sea, "analog", **colours),
+        partial(mt.background, mt.Link(), sea, day, photons=64),
+        partial(mt.apps.irradiance_series, sea, day, photons=1000, patch=(0.5, 0.5)),
     ]
     with console.progress(len(runs), console.COMPILING, kernels=_ALL) as (_, advance):
         for run_once in runs:

@@ -160,7 +160,7 @@ def received_paths(
     # no paths
     aimed, sets = forced.planner.aim_over(mesh), forced.sets(unscattered=True)
     arrays = forced.arrays
-    shares, paths = list[float](), list[Floats]()
+    shares, drawn_sets = list[float](), list[tuple[Chains, NDArray[np.void], Emitter, Target]]()
     # To the first receiver: target 0 of each source of an uplink. Chains of a downlink run
     # backwards: emitter 0 is the receiver, and the targets are the sources.
     for s, power in enumerate(arrays.power):
@@ -175,37 +175,47 @@ def received_paths(
             # light
             drawn = rng.choice(len(arrivals), min(n, len(arrivals)), p=weight / weight.sum())
             ends = arrays.emitters[e], arrays.targets[t]
-            paths += [_placed(chain_set.chains, arrivals[k], *ends) for k in drawn]
+            drawn_sets.append((chain_set.chains, arrivals[drawn], *ends))
             # each has an equal share of the light of the set
             shares += [float(weight.sum()) / max(len(drawn), 1)] * len(drawn)
-    if not paths:
+    if not drawn_sets:
         dark = Described("no light is received")
         raise Refused("received_only", dark, "a link that receives some")
     # a second draw over all orders and sources, again in proportion to the light
     total = float(sum(shares))
-    chosen = rng.choice(len(paths), n, p=np.array(shares) / total)
-    out = _empty(max(len(paths[i]) for i in chosen), np.arange(n, dtype=np.int64))
-    for k, i in enumerate(chosen):
-        m = len(paths[i])
+    chosen = rng.choice(len(shares), n, p=np.array(shares) / total)
+    first = np.cumsum([0, *(len(arrivals) for _, arrivals, *_ in drawn_sets)])
+    set_of = np.searchsorted(first, chosen, side="right") - 1
+    placed = []
+    for i in np.unique(set_of):
+        paths = np.flatnonzero(set_of == i)
+        chains_of_set, arrivals, *ends = drawn_sets[i]
+        placed.append((paths, _placed(chains_of_set, arrivals[chosen[paths] - first[i]], *ends)))
+    out = _empty(max(points.shape[1] for _, points in placed), np.arange(n, dtype=np.int64))
+    for paths, points in placed:
+        m = points.shape[1]
         # light that goes down is followed backwards: the order of its vertices is reversed
-        out.vertex[k, :m] = arrays.frame.metres(paths[i][:: -1 if arrays.down else 1])
-        out.weight[k, :m] = total / n
-        out.what[k, :m] = Vertex.SCATTER
-        out.what[k, 0] = Vertex.SOURCE
+        out.vertex[paths, :m] = arrays.frame.metres(points[:, :: -1 if arrays.down else 1])
+        out.weight[paths, :m] = total / n
+        out.what[paths, :m] = Vertex.SCATTER
+        out.what[paths, 0] = Vertex.SOURCE
         if arrays.down:
-            out.what[k, 1] = Vertex.SURFACE_IN
+            out.what[paths, 1] = Vertex.SURFACE_IN
         else:
-            out.what[k, m - 2] = Vertex.SURFACE_OUT
-        out.what[k, m - 1] = Vertex.RECEIVED
+            out.what[paths, m - 2] = Vertex.SURFACE_OUT
+        out.what[paths, m - 1] = Vertex.RECEIVED
     return out
 
 
-def _placed(chains: Chains, arrival: np.void, emitter: Emitter, target: Target) -> Floats:
-    """Return the points (n, 3) of a chain from its emitter to its target, in local coordinates."""
+def _placed(chains: Chains, arrivals: NDArray[np.void], emitter: Emitter, target: Target) -> Floats:
+    """Return the points (arrivals, n, 3) of chains from emitter to target, in local coordinates."""
     # chains are drawn as if emitted along z: turned as a whole, they leave along the direction
     # `emission`; their vertices are relative to the start
-    i = int(arrival["chain"])
-    vertices = np.transpose(_turned(Vec3(*arrival["emission"]), Vec3(*chains.vertex[i].T)))
-    start = on_disk(emitter.position, emitter, chains.disk[i : i + 1])
-    end = on_disk(target.center, target, chains.disk[i : i + 1])
-    return np.vstack([start, vertices + start, arrival["point"], end])
+    i = arrivals["chain"]
+    emission = Vec3(*arrivals["emission"].T[..., None])
+    vertices = np.stack(_turned(emission, Vec3(*np.moveaxis(chains.vertex[i], -1, 0))), axis=-1)
+    start, end = (
+        on_disk(center, disk, chains.disk[i])[:, None]
+        for center, disk in ((emitter.position, emitter), (target.center, target))
+    )
+    return np.concatenate([start, vertices + start, arrivals["point"][:, None], end], axis=1)

@@ -360,8 +360,9 @@ def trace_paths(
     case = resolve(link, surface, mesh=mesh, **fields)
     key, normals = case.run.seed, case.meshing.normals
     with one_blas_thread():
-        # an infinite reach: the mesh covers the whole footprint of photons, which cross anywhere
-        triangles, _ = mesh_for(case.link, case.surface, case.meshing, math.inf)
+        # photons cross anywhere in their footprint, received light near the receivers alone
+        reach = resolved_reach(case.link, Forced() if received_only else photons)
+        triangles, _ = mesh_for(case.link, case.surface, case.meshing, reach)
         if received_only:
             return received_paths(case.link, triangles, n, key, normals)
         return record_paths(case.link, triangles, n, key, normals, max_vertices, photons)

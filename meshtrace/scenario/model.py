@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from numpy.typing import ArrayLike
-from pydantic import ValidationInfo, WrapValidator, field_validator
+from pydantic import PlainValidator, ValidationInfo, WrapValidator, field_validator
 
 from meshtrace.checks import Inside
-from meshtrace.comms.ook import OokLink
 from meshtrace.daylight.light import Daylight, UnavailableDaylight
 from meshtrace.engine.setup.ends import resolved_reach
 from meshtrace.engine.setup.meshing import mesh_for
@@ -19,12 +18,21 @@ from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused, require_between, require_keys, within
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
-from meshtrace.models import Model, trusting
+from meshtrace.models import Model, converted, trusting
 from meshtrace.results.gain import GainResult
 from meshtrace.results.series import ByWavelength
 from meshtrace.scenario import files, parts, seas
 from meshtrace.scenario.seas import MeshFile
 from meshtrace.uav import Uav
+
+if TYPE_CHECKING:
+    from meshtrace.comms.ook import OokLink
+    from meshtrace.models import Converted
+
+    Detector = Converted[OokLink | None, OokLink | Mapping[str, Any] | None]
+else:
+    # as `OokLink | None`, without an import of the class where there is no detector
+    Detector = Annotated[Any, PlainValidator(parts.valid_detector)]
 
 
 def _or_unavailable(value: Any, validate: Callable[[Any], Any]) -> Any:
@@ -74,7 +82,7 @@ class Scenario(Model, frozen=True):
     surface: Any
     meshing: Meshing = Meshing()
     run: Run = Run()
-    detector: OokLink | None = None
+    detector: Detector = converted(default=None)
     uav: Uav | None = None
     # a link file whose model of light needs a missing package has an `UnavailableDaylight` here,
     # typed as a Daylight: any use of its fields raises the refusal

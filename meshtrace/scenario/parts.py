@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
-from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.daylight import light as daylight
 from meshtrace.daylight.light import MODELS, SUN, Daylight, UnavailableDaylight
 from meshtrace.engine.setup.ends import crossing_reach
@@ -26,6 +25,9 @@ from meshtrace.optics.water import Water
 from meshtrace.optics.water_files import read_spectrum
 from meshtrace.scenario.files import M, Table, plain, split, unshared, validated
 from meshtrace.uav import UAVS, Uav
+
+if TYPE_CHECKING:
+    from meshtrace.comms.ook import OokLink
 
 DEFAULT_WIND_SPEED = 5.0
 
@@ -202,8 +204,23 @@ def _read_preset(presets: Mapping[str, M], table: Table | None, path: str) -> M 
 
 def read_detector(table: Table | None) -> OokLink | None:
     """Return the detector of [detector]: a preset with replaced fields."""
+    if table is None:
+        return None
+    from meshtrace.comms.ook import OokLink, Preset  # here: most link files have no detector
+
     presets = {name: OokLink.preset(name) for name in get_args(Preset)}
     return _read_preset(presets, table, "detector")
+
+
+def valid_detector(value: Any) -> OokLink | None:
+    """Return a detector, or that which plain data describe."""
+    if value is None:
+        return None
+    from meshtrace.comms.ook import OokLink
+
+    if not isinstance(value, OokLink | Mapping):
+        raise Refused("detector", value, "a table")
+    return OokLink.model_validate(value)
 
 
 def read_uav(table: Table | None) -> Uav | None:
@@ -220,7 +237,7 @@ def detector_of(detector: OokLink, link: Link) -> OokLink:
 
     It is unchanged for a link with several receivers, whose apertures may differ.
     """
-    return OokLink.of_link(link, detector) if len(link.receivers) == 1 else detector
+    return type(detector).of_link(link, detector) if len(link.receivers) == 1 else detector
 
 
 def require_of_link(table: Table, detector: OokLink | None) -> None:

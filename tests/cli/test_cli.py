@@ -158,6 +158,7 @@ def test_the_bar_shows_on_a_terminal_only(monkeypatch):
         is_terminal = True
 
     monkeypatch.setattr("rich.console.Console", Terminal)
+    monkeypatch.setattr("meshtrace.cli.console._is_on_terminal", lambda: True)
     assert "following photons" in run(*ANALOG).stderr
     assert run("--json", *ANALOG).stderr == ""
 

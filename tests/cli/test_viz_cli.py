@@ -111,7 +111,7 @@ def test_the_result_of_a_run(tmp_path, asked):
 def test_the_movie_of_a_series_has_its_times_and_gains(tmp_path, monkeypatch):
     series = mt.time_series(mt.Link(), SEA, [1.0, 1.5, 2.0], photons=64)
     series.save(tmp_path / "series.nc")
-    monkeypatch.setattr("meshtrace.viz.show.time_series", None)
+    monkeypatch.setattr("meshtrace.studies.series.time_series", None)
     name = tmp_path / "sea.mp4"
     options = ["--movie", name, "--spacing", 0.5, "--received", 1]
     assert written(tmp_path / "series.nc", *options) == [str(name)]

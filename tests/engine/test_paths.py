@@ -5,6 +5,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace import Vertex
+from meshtrace.engine import paths, simulate
 from meshtrace.optics.fresnel import refract
 from meshtrace.surfaces import FlatSea, JonswapSea
 
@@ -89,6 +90,25 @@ def test_received_paths_are_reproducible():
 
 
 @pytest.mark.filterwarnings("ignore::meshtrace.DomainWarning")
+def test_received_paths_need_the_surface_that_received_light_crosses(monkeypatch):
+    """A mesh of all that photons may cross took most of a frame of a movie."""
+    facets, placed, place = [], [], paths._placed
+    mesh_for = simulate.mesh_for
+
+    def meshed(*arguments):
+        mesh, config = mesh_for(*arguments)
+        facets.append(len(mesh.faces))
+        return mesh, config
+
+    monkeypatch.setattr(simulate, "mesh_for", meshed)
+    monkeypatch.setattr(paths, "_placed", lambda *a: placed.append(len(a[1])) or place(*a))
+    sea = JonswapSea(wind_speed=5.0, seed=7)
+    mt.trace_paths(mt.Link(), sea, n=50, received_only=True)
+    mt.trace_paths(mt.Link(), sea, n=50)
+    assert facets[0] < 0.5 * facets[1]
+    assert sum(placed) == 50
+
+
 def test_analog_paths_are_connected_and_end():
     paths = mt.trace_paths(LINK, MESH, 300, seed=8)
     assert (paths.length >= 2).all()

@@ -127,10 +127,41 @@ def test_a_run_with_compiled_kernels_loads_no_more_than_it_needs():
     groups = ("constants", "integrate", "interpolate", "linalg", "optimize", "special", "stats")
     scipy = {f"scipy.{name}" for name in groups}  # and by compilation
     compilation = {"numba.cpython.unicode", "numba.np.arrayobj"} if jit._LINKED else set()
-    others = {"pandas", "h5py", "miepython"}
+    others = {"pandas", "h5py", "miepython", "rich.progress", "meshtrace.comms.ook"}
     needed = {"numba", "scipy"}  # numba imports the outermost package
     loaded = modules_after(code) & ((HEAVY - needed) | scipy | compilation | others)
     assert not loaded
+
+
+@pytest.mark.process
+@pytest.mark.thorough
+@pytest.mark.parametrize(("name", "heavy"), [
+    ("plot", {"meshtrace.engine.simulate", "meshtrace.link", "meshtrace.comms", "pyvista"}),
+    ("view", {"xarray", "pandas", "meshtrace.viz.marks", "scipy.ndimage", "scipy.spatial"}),
+])  # fmt: skip
+def test_pictures_load_no_more_than_they_need(name, heavy):
+    pytest.importorskip("pyvista")
+    integrals = {"scipy.integrate", "scipy.interpolate", "scipy.optimize", "scipy.stats"}
+    studies = {"meshtrace.studies.campaign", "meshtrace.validation"}
+    loaded = modules_after(f"import meshtrace.viz\nmeshtrace.viz.{name}")
+    assert not loaded & (heavy | integrals | studies)
+
+
+@pytest.mark.process
+def test_schemas_are_built_for_the_models_that_a_run_uses():
+    code = """
+import meshtrace as mt
+from meshtrace.models import Model
+mt.Scenario.from_toml("")
+def below(cls):
+    for sub in cls.__subclasses__():
+        yield sub
+        yield from below(sub)
+sys.modules |= {f"built {cls.__name__}": 0 for cls in below(Model) if cls.__pydantic_complete__}
+"""
+    built = {name for name in modules_after(code) if name.startswith("built ")}
+    assert {"built Scenario", "built Link"} <= built
+    assert len(built) < 30  # of some hundred, a millisecond each
 
 
 def test_every_public_name_is_there():

@@ -13,7 +13,7 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.fading import resolve_band
 from meshtrace.surfaces import FlatSea, JonswapSea, MeshSequence, resolved_sea
-from meshtrace.viz import show
+from meshtrace.viz import parts, show
 
 LINK, SEA = mt.Link(), JonswapSea(wind_speed=13.0, fetch=30e3, seed=7)
 TIMES = np.array([0.0, 0.5, 1.0])
@@ -71,7 +71,7 @@ def test_wrong_movies_are_refused(tmp_path):
 
 def test_a_movie_shows_the_sea_of_its_series(tmp_path, monkeypatch):
     """An open band has all waves that make light fade, in the picture as in the series."""
-    seen = []
+    seen, compute = [], mt.time_series
 
     def stop(link, sea, **_options):
         seen.append(sea)
@@ -79,14 +79,27 @@ def test_a_movie_shows_the_sea_of_its_series(tmp_path, monkeypatch):
 
     def series(link, sea, times, **options):
         seen.append(sea)
-        return mt.time_series(link, sea, times, **options)
+        return compute(link, sea, times, **options)
 
     monkeypatch.setattr(show, "scene", stop)
-    monkeypatch.setattr(show, "time_series", series)
+    monkeypatch.setattr("meshtrace.studies.series.time_series", series)
     wide = mt.Link(receiver=mt.Receiver(radius=0.5))
     with pytest.raises(StopAsyncIteration):
         viz.save_movie(wide, JonswapSea(), [0.0, 0.1], tmp_path / "a.gif", photons=64)
     assert seen == [resolve_band(wide, resolved_sea(5.0, fetch=30e3), "fading")] * 2
+
+
+def test_a_frame_looks_the_surface_up_a_few_times(monkeypatch):
+    """Each search of VTK takes milliseconds to set up: one for each cone took most of a frame."""
+    calls, sampler = [], parts.surface_sampler
+
+    def counted(mesh):
+        elevation = sampler(mesh)
+        return lambda places: calls.append(len(places)) or elevation(places)
+
+    monkeypatch.setattr(parts, "surface_sampler", counted)
+    viz.scene(mt.Link(), FlatSea(), style=viz.SceneStyle(off_screen=True)).close()
+    assert 0 < len(calls) <= 20
 
 
 def test_a_movie_of_meshes_from_files(tmp_path, monkeypatch):

@@ -1,0 +1,44 @@
+"""`meshtrace warm` compiles what users meet first; a default run compiles few kernels."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+SIGNATURES = """
+import json, sys
+from meshtrace.cli import app
+app({arguments!r}, standalone_mode=False)
+from meshtrace.kernels.jit import _Entry
+modules = [m for name, m in list(sys.modules.items()) if name.startswith("meshtrace.")]
+entries = {{e for m in modules for e in vars(m).values() if isinstance(e, _Entry)}}
+print(json.dumps({{e.py_func.__name__: len(e.signatures) for e in entries}}))
+"""
+
+
+def signatures_after(*arguments):
+    """Return the number of compiled signatures of each kernel after a command."""
+    code = SIGNATURES.format(arguments=arguments)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.mark.process
+@pytest.mark.thorough
+def test_a_default_run_compiles_few_kernels():
+    n = signatures_after("run")
+    # each takes some seconds to compile
+    assert sum(n.values()) <= 12
+    assert n["follow"] == n["follow_joined"] == n["tint_chains"] == 0
+
+
+@pytest.mark.process
+@pytest.mark.thorough
+def test_warm_compiles_colours_turbid_water_background_and_irradiance():
+    n = signatures_after("warm")
+    # of one and of several wavelengths
+    assert n["follow"] == n["follow_joined"] == 2
+    assert n["facet_hits"] == 2
+    names = ("tint_chains", "tint_straight", "land_sunlight", "add_upwelling", "split_rays")
+    assert all(n[name] for name in names)
