@@ -6,7 +6,7 @@ import os
 import platform
 import subprocess
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,15 @@ def environment() -> dict[str, str]:
         "git_commit": _git_commit(Path(__file__).parents[2]),
         "python": platform.python_version(),
         "machine": platform.machine(),
-        **{name: version(name) for name in ("numpy", "numba", "embreex", "scipy")},
+        **{name: _version(name) for name in ("numpy", "numba", "embreex", "scipy")},
     }
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:  # embreex, where it has no wheel
+        return "none"
 
 
 @check_call
