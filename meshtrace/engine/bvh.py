@@ -102,7 +102,8 @@ def new_scene(vertices: Floats, faces: NDArray[np.integer[Any]]) -> RayScene:
 def _tell_walk() -> None:
     """Warn, once per process, that rays are followed without Embree."""
     warnings.warn(
-        "embreex is not installed: rays walk over bins of the mesh, to the same facets", stacklevel=2
+        "embreex is not installed: rays walk over bins of the mesh, to the same facets",
+        stacklevel=2,
     )
 
 

@@ -90,7 +90,11 @@ def _walk(scene, hit, _):
     along_x, along_y = 1 if dx > 0.0 else -1, 1 if dy > 0.0 else -1
     next_x = (s[Place.X.value] + (i + (dx > 0.0)) * step - px) / dx if dx != 0.0 else math.inf
     next_y = (s[Place.Y.value] + (j + (dy > 0.0)) * step - py) / dy if dy != 0.0 else math.inf
-    lists, faces, vertices = int(s[Place.LISTS.value]), int(s[Place.FACES.value]), int(s[Place.VERTICES.value])
+    lists, faces, vertices = (
+        int(s[Place.LISTS.value]),
+        int(s[Place.FACES.value]),
+        int(s[Place.VERTICES.value]),
+    )
     nearest, length = math.inf, dx * dx + dy * dy + dz * dz
     while True:
         cell = Place.STARTS.value + i * ny + j

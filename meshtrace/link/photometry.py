@@ -89,7 +89,9 @@ class Photometry:
         table, step = self.rings
         slope = np.abs(np.diff(table, axis=0)).max() / step
         sine = np.sin(step * np.arange(len(table)))[1:-1, None]
-        around = np.abs(np.diff(table, axis=1))[1:-1] * (table.shape[1] - 1) / (2.0 * math.pi * sine)
+        around = (
+            np.abs(np.diff(table, axis=1))[1:-1] * (table.shape[1] - 1) / (2.0 * math.pi * sine)
+        )
         steepest = max(slope, around.max(initial=0.0), 1e-300)
         return float(min(_SLOPE * table.max() / steepest, 1.0))
 

@@ -86,8 +86,8 @@ def test_no_ray_slips_through_an_edge_or_a_vertex():
 
 
 def test_the_light_is_that_of_embree(monkeypatch):
-    link = mt.Link(receiver=mt.Receiver(radius=5.0, fov_deg=180.0))
-    mesh = SEA.mesh(extent=12.0, spacing=0.5)
+    link = mt.Link(transmitter=mt.Led(depth=2.0), receiver=mt.Receiver(radius=5.0, fov_deg=180.0))
+    mesh = SEA.mesh(extent=20.0, spacing=0.5)
     embree = mt.simulate(link, mesh, "analog", photons=4096)
     monkeypatch.setattr(bvh, "_SCENES", WeakKeyDictionary())
     with packages_absent(monkeypatch), pytest.warns(UserWarning, match=WALK):

@@ -7,10 +7,12 @@ import pytest
 from mc_statistics import ALPHA, chi2_test, sidak
 
 import meshtrace as mt
+from meshtrace.engine import straight
 from meshtrace.engine.setup import arrays, ends
 from meshtrace.errors import Refused
 from meshtrace.kernels import sources
 from meshtrace.kernels.jit import entry
+from meshtrace.kernels.tables import intensities
 from meshtrace.link import AirMeasuredLamp, MeasuredLamp
 from meshtrace.link.photometry import read_photometry
 from meshtrace.scenario import Scenario
@@ -147,7 +149,10 @@ def lobes(tmp_path):
 
 
 def directions_of(lamp, n=200_000):
-    link = mt.Link(transmitter=lamp, receiver=mt.WaterReceiver(depth=1.0) if lamp.kind[0] == "a" else mt.Receiver())
+    link = mt.Link(
+        transmitter=lamp,
+        receiver=mt.WaterReceiver(depth=1.0) if lamp.kind[0] == "a" else mt.Receiver(),
+    )
     out = np.empty((n, 3))
     drawn(arrays.source_arrays(link, 1.0), np.uint64(5), out)
     return out
@@ -201,9 +206,7 @@ SEA = mt.JonswapSea(wind_speed=5.0)
 LINKS = {
     "up": (MeasuredLamp, mt.Led, {"depth": 5.0}, mt.Receiver(radius=0.2, fov_deg=60.0)),
     "down": (AirMeasuredLamp, mt.AirLed, {"height": 5.0}, mt.WaterReceiver(depth=4.0, radius=0.2)),
-    "under": (MeasuredLamp, mt.Led, {"depth": 20.0, "zenith_deg": 90.0},
-              mt.WaterReceiver(position=(8.0, 1.0), depth=20.0, tilt_deg=90.0, radius=0.1)),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", LINKS)
@@ -219,6 +222,18 @@ def test_a_measured_lambertian_lamp_has_the_gain_of_an_led(name, lambertian):
     assert abs(gains[0].gain - gains[1].gain) < 4.0 * error + 5e-4 * gains[1].gain
 
 
+def test_straight_light_is_that_of_an_led(lambertian):
+    place = {"depth": 20.0, "zenith_deg": 90.0}
+    end = mt.WaterReceiver(
+        depth=19.0, position=(8.0, 1.0), radius=0.5, tilt_deg=90.0, tilt_azimuth_deg=180.0
+    )
+    gains = []
+    for lamp in (MeasuredLamp(file=lambertian, **place), mt.Led(half_angle_deg=HALF, **place)):
+        forced = ends.forced_link(mt.Link(transmitter=lamp, receiver=end))
+        gains.append(straight.straight_gains(forced, None, forced.medium, 0, 0)[0])
+    assert gains[0] == pytest.approx(gains[1], rel=1e-3)
+
+
 def test_a_link_file_names_the_lamp_relative_to_itself(lobes, tmp_path):
     text = '[transmitter]\nkind = "measured-lamp"\nfile = "lamp.ies"\nroll_deg = 20.0\n'
     (tmp_path / "link.toml").write_text(text)
@@ -230,11 +245,15 @@ def test_a_link_file_names_the_lamp_relative_to_itself(lobes, tmp_path):
 def test_the_emitter_has_the_intensity_of_the_file(lobes):
     lamp = AirMeasuredLamp(file=lobes)
     emitter = ends.emitter_of(lamp)
-    from meshtrace.kernels.tables import intensities
-
     theta, azimuth = np.radians([0.0, 30.0, 45.0, 80.0]), np.radians([0.0, 60.0, 210.0, 330.0])
-    ways = np.stack([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), -np.cos(theta)])
+    ways = np.stack(
+        [np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), -np.cos(theta)]
+    )
     out = np.empty(4)
-    intensities(emitter.table, np.ascontiguousarray(ways.T), emitter.axis, emitter.e1, emitter.e2, out)
-    at = [lobed(np.degrees([t]), np.degrees([c]))[0, 0] for t, c in zip(theta, azimuth, strict=True)]
+    intensities(
+        emitter.table, np.ascontiguousarray(ways.T), emitter.axis, emitter.e1, emitter.e2, out
+    )
+    at = [
+        lobed(np.degrees([t]), np.degrees([c]))[0, 0] for t, c in zip(theta, azimuth, strict=True)
+    ]
     np.testing.assert_allclose(out, np.array(at) / lamp.photometry.flux, rtol=1e-7)

@@ -373,7 +373,9 @@ def lamp_intensity(lamp: AirLamp, cosine: Floats) -> Floats:
     """
     emitter = emitter_of(lamp)
     if isinstance(lamp, AirMeasuredLamp):
-        return np.asarray(np.interp(np.arccos(np.clip(cosine, -1.0, 1.0)), *lamp.photometry.envelope, right=0.0))
+        return np.asarray(
+            np.interp(np.arccos(np.clip(cosine, -1.0, 1.0)), *lamp.photometry.envelope, right=0.0)
+        )
     cosine = np.clip(cosine, 0.0, 1.0)
     if emitter.kind == SourceKind.LED:
         return np.asarray(emitter.norm * cosine**emitter.spread)
