@@ -84,8 +84,8 @@ def _walk(scene, hit, _):
     if not first <= last:
         return
     u, v = (px + first * dx - s[Place.X.value]) / step, (py + first * dy - s[Place.Y.value]) / step
-    i = min(max(int(math.floor(u)), 0), nx - 1)
-    j = min(max(int(math.floor(v)), 0), ny - 1)
+    i = min(max(math.floor(u), 0), nx - 1)
+    j = min(max(math.floor(v), 0), ny - 1)
     # distances at which the ray leaves the column of bins i, and the row j
     along_x, along_y = 1 if dx > 0.0 else -1, 1 if dy > 0.0 else -1
     next_x = (s[Place.X.value] + (i + (dx > 0.0)) * step - px) / dx if dx != 0.0 else math.inf
@@ -138,7 +138,7 @@ def _walk(scene, hit, _):
 
 @cache
 def walker() -> Any:
-    """Return the C function of `_walk`, compiled on its first use and kept as long as Python runs."""
+    """Return the C function of `_walk`, compiled on its first use, then kept."""
     pointers = types.void(types.voidptr, types.voidptr, types.voidptr)
     with foreign_kernels():
         return cfunc(pointers, cache=True, error_model="numpy")(_walk)

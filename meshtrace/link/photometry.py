@@ -136,7 +136,7 @@ def _read(file: Path, *version: int) -> Photometry:
 
 def _ies(text: str) -> tuple[Floats, Floats, Floats]:
     """Return the angles and intensities [cd] of a file of LM-63."""
-    head, found, rest = text.partition("TILT=")
+    _, found, rest = text.partition("TILT=")
     if not found:
         raise Refused("TILT", Described("no such line"), "a line TILT=NONE or TILT=INCLUDE")
     tilt, _, body = rest.partition("\n")

@@ -102,7 +102,7 @@ def test_waves_are_summed_directly(monkeypatch, rng):
     fast = waves.WaveGrid(kx, ky, axis, axis)
     with packages_absent(monkeypatch), pytest.warns(UserWarning, match=DIRECT):
         direct = waves.WaveGrid(kx, ky, axis, axis)
-        total = direct.sum(weights)
+    total = direct.sum(weights)
     assert fast._fast
     assert not direct._fast
     assert direct.seconds > fast.seconds
