@@ -12,7 +12,7 @@ from meshtrace.apps.traces import ChannelTrace
 from meshtrace.checks import NonNegative, Positive, check_call
 from meshtrace.errors import Described, Refused, require_finite
 from meshtrace.models import Floats
-from meshtrace.results import ImpulseResponse
+from meshtrace.results.impulse import ImpulseResponse
 
 _MOST_TAPS = 10**6  # 8 MB; the delays of a link at 10 GHz have some hundred
 

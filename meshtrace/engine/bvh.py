@@ -154,7 +154,8 @@ class WalkedScene(_Called):
         step = 0.5 * math.sqrt(max(2.0 * size[0] * size[1] / len(facets), 1e-12))
         nx, ny = (min(int(size[k] / step) + 1, _MOST_BINS) for k in (0, 1))
         step = max(step, size[0] / nx, size[1] / ny)
-        bins = Locator(*low[:2].tolist(), step, nx, ny, np.zeros(nx * ny + 1, np.int64), _NONE)
+        starts = np.zeros(nx * ny + 1, np.int64)
+        bins = Locator(float(low[0]), float(low[1]), step, nx, ny, starts, _NONE)
         places = np.empty((len(corners), 2), np.int64)
         mesh = Triangles(corners, facets, corners)
         # counting sort, as `setup.arrays.locator`

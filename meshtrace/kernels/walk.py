@@ -45,7 +45,13 @@ def packed(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], bins: Locator
 ) -> NDArray[np.float64]:
     """Return a mesh and its bins as one array, see `Place`; integers below 2^53 stay exact."""
-    parts = [np.zeros(Place.STARTS), bins.start, bins.facet, faces.ravel(), vertices.ravel()]
+    parts: list[NDArray[Any]] = [
+        np.zeros(Place.STARTS),
+        bins.start,
+        bins.facet,
+        faces.ravel(),
+        vertices.ravel(),
+    ]
     begins = np.cumsum([len(part) for part in parts])
     scene = np.concatenate(parts, dtype=np.float64)
     z = vertices[:, 2]

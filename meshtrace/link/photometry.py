@@ -75,7 +75,7 @@ class Photometry:
         """
         table, step = self.rings
         highest = np.maximum.accumulate(table.max(axis=1)[::-1])[::-1]
-        return step * np.arange(len(table)), highest / self.flux
+        return step * np.arange(float(len(table))), np.asarray(highest / self.flux)
 
     @property
     def half_angle(self) -> float:
