@@ -4,9 +4,14 @@
 """
 
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from meshtrace.lazy import attach
+
+# in a checkout `surfaces/` and `viz/` lie beside this folder; a wheel has them inside
+if not Path(__file__).with_name("surfaces").is_dir():
+    __path__.append(str(Path(__file__).parents[1]))
 
 _attribute, _, _ = attach(__name__, __file__)
 

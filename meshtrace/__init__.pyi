@@ -20,6 +20,7 @@ from .apps import infer as infer
 from .apps import irradiance_series as irradiance_series
 from .apps import lidar as lidar
 from .apps import optimize as optimize
+from .apps import replay as replay
 from .comms.background import DaylightWarning as DaylightWarning
 from .comms.ook import OokLink as OokLink
 from .daylight.light import Daylight as Daylight

@@ -118,6 +118,11 @@ def within(*path: int | str) -> Iterator[None]:
         raise error.inside(*path) from error.__cause__
 
 
+def installing(extra: str) -> str:
+    """Return the command that installs an extra of meshtrace."""
+    return f'pip install "meshtrace[{extra}]"'
+
+
 @contextmanager
 def extra(
     name: str,
@@ -138,10 +143,10 @@ def extra(
     try:
         yield
     except ImportError as error:
-        command = f'pip install "meshtrace[{name}]"'
-        missing = Described(f"{error.name or 'an extra package'} is not installed")
-        shown = missing if value is None else value
-        raise Refused(field, shown, allowed.format(command)) from error
+        missing, command = f"{error.name or 'an extra package'} is not installed", installing(name)
+        if value is None:
+            raise Refused(field, Described(missing), allowed.format(command)) from error
+        raise Refused(field, value, allowed.format(command), f"{missing},") from error
 
 
 @contextmanager

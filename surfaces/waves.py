@@ -9,8 +9,10 @@ surface tension, omega^2 = (g k + T k^3) tanh(k depth).
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
+from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -426,8 +428,8 @@ class WaveGrid:
             self._lines = [_Lines.along(axis) for axis in self._axes]
         direct = _TERM * len(kx) * len(x_axis) * len(y_axis)
         transform = self._transform_cost()
-        self._fast = transform < direct
-        self.seconds = min(transform, direct)
+        self._fast = transform < direct and _has_finufft()
+        self.seconds = transform if self._fast else direct
 
     def sum(self, weights: NDArray[np.complex128]) -> Floats:
         """Return the sums for several weights, shape (m, n), as an array (m, nx, ny)."""
@@ -515,6 +517,15 @@ class WaveGrid:
         between = 0 if self._lines[0].near is None else len(self._axes[0]) * self._lines[1].number
         # a transform holds two sums; tuned: the 4 stands for the upsampled cells of finufft
         return 0.5 * (4 * cells * _FFT_CELL + waves * _SPREAD) + between * _BETWEEN
+
+
+@cache
+def _has_finufft() -> bool:
+    """Return whether finufft is installed; warn, once per process, if it is not."""
+    if find_spec("finufft"):
+        return True
+    warnings.warn("finufft is not installed: many waves are summed directly", stacklevel=2)
+    return False
 
 
 def _step(axis: Floats) -> float | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+import runpy
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,19 @@ def pytest_addoption(parser):
         action="store_true",
         help="replace the texts in tests/cli/golden, and the outputs on the pages of the guides",
     )
+    parser.addoption(
+        "--no-posix",
+        action="store_true",
+        help="run as on Windows, without fcntl, resource, forks and symbolic links",
+    )
+
+
+def pytest_configure(config):
+    if config.getoption("--no-posix"):
+        folder = TESTS / "no_posix"
+        found = os.environ.get("PYTHONPATH")
+        os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(folder), found)))
+        runpy.run_path(str(folder / "sitecustomize.py"))
 
 
 def pytest_collection_modifyitems(items, config):
@@ -49,6 +63,8 @@ def pytest_collection_modifyitems(items, config):
                 found.add((name, item.callspec.id))
                 if item.callspec.id not in mark.args:
                     item.add_marker(cost)
+        if item.get_closest_marker("posix") and not hasattr(os, "fork"):
+            item.add_marker(pytest.mark.skip(reason="uses what Windows lacks"))
         if any(name in vars(item.module) for name in ("z_test", "chi2_test", "sidak")):
             item.add_marker("statistical")
     chosen = config.getoption("lf", False) or any("[" in argument for argument in config.args)

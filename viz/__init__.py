@@ -8,13 +8,12 @@ from importlib.util import find_spec
 from inspect import isfunction
 from typing import Any
 
+from meshtrace.errors import installing
 from meshtrace.lazy import attach
 
 for _package in ("matplotlib", "pyvista", "trame_vtk", "imageio"):
     if not find_spec(_package):
-        raise ImportError(
-            f'viz: {_package} is not installed: pip install "meshtrace[viz]"', name=_package
-        )
+        raise ImportError(f"viz: {_package} is not installed: {installing('viz')}", name=_package)
 
 _attribute, __dir__, __all__ = attach(__name__, __file__)
 

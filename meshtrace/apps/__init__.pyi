@@ -20,5 +20,6 @@ from .plots import plot_lidar as plot_lidar
 from .plots import plot_measured as plot_measured
 from .plots import plot_optimum as plot_optimum
 from .plots import plot_trace as plot_trace
+from .replay import replay as replay
 from .traces import ChannelTrace as ChannelTrace
 from .traces import channel_trace as channel_trace

@@ -7,7 +7,7 @@ between neighbours at an edge.
 The wheel of the Python package embreex contains the shared library of Embree. Called through
 ctypes, the library reads the arrays of a mesh where they are; embreex copies them facet by facet in
 Python. It takes over, with the same hits, where the library is missing, lacks a function or reports
-an error.
+an error. Where embreex has no wheel rays walk over bins of the mesh, `kernels.walk`.
 
 References
 ----------
@@ -17,6 +17,7 @@ Intel, "Embree API reference", version 4.4, https://github.com/RenderKit/embree.
 from __future__ import annotations
 
 import ctypes
+import math
 import warnings
 import weakref
 from abc import ABC, abstractmethod
@@ -35,7 +36,9 @@ from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import Triangles, corners, facet_hits
 from meshtrace.kernels.jit import allocating_entry, config
 from meshtrace.kernels.rays import RAY_WORDS, Bvh, Word, aligned_rays, bvh_of, cast
+from meshtrace.kernels.scene import Locator, count_bins, fill_bins
 from meshtrace.kernels.vectors import cross, dot, minus, row
+from meshtrace.kernels.walk import packed, walker
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.parallel import default_threads, ordered_map
@@ -46,6 +49,8 @@ _INDEX, _VERTEX = 0, 1  # RTC_BUFFER_TYPE_*
 _UINT3, _FLOAT3 = 0x5003, 0x9003  # RTC_FORMAT_*
 _ROBUST = 1 << 2  # RTC_SCENE_FLAG_ROBUST
 _ROW = 12  # bytes of three 32-bit numbers
+_MOST_BINS = 2048  # along a side, of a scene without Embree: 32 MB for the starts of their lists
+_NONE = np.zeros(0, np.int32)
 _BLOCK = 64  # rays prepared at a time: 8 kB, 128 bytes each, stay in the fastest cache
 
 _POINTER, _UINT, _SIZE = ctypes.c_void_p, ctypes.c_uint, ctypes.c_size_t
@@ -86,7 +91,20 @@ def new_scene(vertices: Floats, faces: NDArray[np.integer[Any]]) -> RayScene:
             return SharedScene(embree, vertices, faces)
         except OSError as error:
             warnings.warn(f"{error}; embreex is used, which is slower", stacklevel=2)
-    return CopiedScene(vertices, faces)
+    try:
+        return CopiedScene(vertices, faces)
+    except ImportError:
+        _tell_walk()
+        return WalkedScene(vertices, faces)
+
+
+@cache
+def _tell_walk() -> None:
+    """Warn, once per process, that rays are followed without Embree."""
+    warnings.warn(
+        "embreex is not installed: rays walk over bins of the mesh, to the same facets",
+        stacklevel=2,
+    )
 
 
 @cache
@@ -110,7 +128,46 @@ def library() -> Library | None:
     return Library(functions, device, intersect) if device and intersect else None
 
 
-class SharedScene:
+class _Called:
+    """Base of the scenes whose rays a C function answers."""
+
+    function: tuple[int, int]
+    """Address of the function that casts a ray, and its first argument, the scene."""
+
+    def run(self, origins: Rays, directions: Rays) -> NDArray[np.int32]:
+        """Return the first facet of each ray, -1 for a miss; thread-safe, on one thread."""
+        out = np.empty(len(origins), np.int32)
+        block = aligned_rays(_BLOCK)
+        rays = np.ascontiguousarray(origins), np.ascontiguousarray(directions)
+        cast(*self.function, block, block.view(np.int32), *rays, out)
+        return out
+
+
+class WalkedScene(_Called):
+    """Scene of `kernels.walk`, of the same single-precision corners as those of Embree."""
+
+    def __init__(self, vertices: Floats, faces: NDArray[np.integer[Any]]) -> None:
+        corners = np.asarray(vertices, np.float32).astype(np.float64)
+        facets = np.ascontiguousarray(faces, np.int32)
+        low, size = corners.min(axis=0), np.ptp(corners, axis=0)
+        # half the mean edge of a square of two facets: a fine part of a mesh has more a bin
+        step = 0.5 * math.sqrt(max(2.0 * size[0] * size[1] / len(facets), 1e-12))
+        nx, ny = (min(int(size[k] / step) + 1, _MOST_BINS) for k in (0, 1))
+        step = max(step, size[0] / nx, size[1] / ny)
+        starts = np.zeros(nx * ny + 1, np.int64)
+        bins = Locator(float(low[0]), float(low[1]), step, nx, ny, starts, _NONE)
+        places = np.empty((len(corners), 2), np.int64)
+        mesh = Triangles(corners, facets, corners)
+        # counting sort, as `setup.arrays.locator`
+        count_bins(mesh, bins, places)
+        np.cumsum(bins.start, out=bins.start)
+        bins = bins._replace(facet=np.empty(bins.start[-1], np.int32))
+        fill_bins(mesh, bins, places, bins.start[:-1].copy())
+        self._numbers = packed(corners, facets, bins)
+        self.function = walker().address, self._numbers.ctypes.data
+
+
+class SharedScene(_Called):
     """Scene of the C interface over single-precision arrays of the mesh, which Embree shares.
 
     Raises
@@ -150,15 +207,6 @@ class SharedScene:
             self._release()
             raise OSError(f"error {code} of Embree")
         self.function = embree.intersect, scene
-        """Address of the function that casts a ray, and its first argument, the scene."""
-
-    def run(self, origins: Rays, directions: Rays) -> NDArray[np.int32]:
-        """Return the first facet of each ray, -1 for a miss; thread-safe, on one thread."""
-        out = np.empty(len(origins), np.int32)
-        block = aligned_rays(_BLOCK)
-        rays = np.ascontiguousarray(origins), np.ascontiguousarray(directions)
-        cast(*self.function, block, block.view(np.int32), *rays, out)
-        return out
 
 
 def _release(rtc: Any, scene: int, *arrays: NDArray[Any]) -> None:
@@ -211,7 +259,7 @@ class Hits(NamedTuple):
     v: Floats
 
 
-RayScene = SharedScene | CopiedScene
+RayScene = SharedScene | CopiedScene | WalkedScene
 """Scene of a mesh, whose `run` finds the first facets of rays."""
 # scenes that live as long as their meshes
 _SCENES: weakref.WeakKeyDictionary[TriangleMesh, RayScene] = weakref.WeakKeyDictionary()
@@ -358,7 +406,7 @@ class EmbreeIntersector(Intersector):
     def function(self) -> Iterator[Bvh]:
         """Yield the function of Embree for the kernels of one thread."""
         # a subclass with other facets is asked through Python
-        if type(self).facets is EmbreeIntersector.facets and isinstance(self._scene, SharedScene):
+        if type(self).facets is EmbreeIntersector.facets and isinstance(self._scene, _Called):
             yield bvh_of(*self._scene.function)
             return
         with super().function() as python:

@@ -23,6 +23,7 @@ from meshtrace.engine.setup.ends import ForcedLink
 from meshtrace.kernels.medium import DepthMode, Medium, straight_depths
 from meshtrace.kernels.scene import Emitter, Target
 from meshtrace.kernels.sources import SourceKind
+from meshtrace.kernels.tables import intensities
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.models import Floats
 from meshtrace.quadrature import gauss_legendre
@@ -173,7 +174,9 @@ def _dark_angle(emitter: Emitter) -> float:
         return 2.0 * math.asin(math.sqrt(half_versine))
     if emitter.kind == SourceKind.GAUSSIAN_BEAM:
         return min(emitter.spread * math.sqrt(0.5 * _DARK), math.pi)
-    return math.pi if emitter.kind == SourceKind.ISOTROPIC else emitter.spread
+    # a measured lamp has light at any angle, and its own edges: `intensity` is 0 beyond them
+    everywhere = emitter.kind in (SourceKind.ISOTROPIC, SourceKind.TABLE)
+    return math.pi if everywhere else emitter.spread
 
 
 def _panels(sight: _Sight, target: Target, sharp: bool) -> Floats:
@@ -280,10 +283,23 @@ def _sum_of(sight: _Sight, arcs: _Arcs, n: int, emitter: Emitter, water: Medium 
     slant = np.sin(theta) * math.sin(sight.beta)
     haversine = np.sin(0.5 * (theta - sight.beta)) ** 2
     haversine = haversine + slant * np.sin(0.5 * (azimuth - sight.turn)) ** 2
-    carried = _intensity(emitter, haversine)
+    if emitter.kind == SourceKind.TABLE:
+        carried = _tabulated(sight, theta, azimuth, emitter)
+    else:
+        carried = _intensity(emitter, haversine)
     if water is not None:
         carried = carried * np.exp(-_optical_depth(sight, theta, azimuth, water))
     return float((arcs.weight * np.sin(arcs.theta) * half) @ (carried @ weights))
+
+
+def _tabulated(sight: _Sight, theta: Floats, azimuth: Floats, emitter: Emitter) -> Floats:
+    """Return the intensity [sr-1] of a measured lamp in directions of the axes of a sight."""
+    ways = np.stack([np.broadcast_to(np.cos(theta), azimuth.shape),
+                     np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth)])  # fmt: skip
+    directions = np.ascontiguousarray(ways.reshape(3, -1).T @ sight.axes)
+    out = np.empty(len(directions))
+    intensities(emitter.table, directions, emitter.axis, emitter.e1, emitter.e2, out)
+    return out.reshape(azimuth.shape)
 
 
 def _optical_depth(sight: _Sight, theta: Floats, azimuth: Floats, water: Medium) -> Floats:

@@ -45,7 +45,7 @@ import numba
 import numpy as np
 from llvmlite.binding import Linkage, parse_assembly
 from numba import njit
-from numba.core import codegen, compiler, dispatcher
+from numba.core import ccallback, codegen, compiler, dispatcher
 from numba.core.caching import FunctionCache
 from numba.core.compiler import CompileResult
 from numba.core.environment import lookup_environment
@@ -549,10 +549,11 @@ def is_compiled(compiled: Any) -> bool:
 def foreign_kernels() -> Iterator[None]:
     """Use this cache for the kernels of an imported package."""
     # numba looks this name up when a function is decorated with cache=True.
-    module: Any = dispatcher
-    original = module.FunctionCache
-    module.FunctionCache = KernelCache
+    modules: tuple[Any, ...] = dispatcher, ccallback
+    for module in modules:
+        module.FunctionCache = KernelCache
     try:
         yield
     finally:
-        module.FunctionCache = original
+        for module in modules:
+            module.FunctionCache = FunctionCache

@@ -48,6 +48,7 @@ class Emitter(NamedTuple):
     radius: float = 0.0  # of the disk that the chains start from [m], 0 for a point
     e1: Vec3 = ORIGIN  # perpendicular unit vectors in the plane of the disk
     e2: Vec3 = ORIGIN
+    table: int = 0  # address of a table of intensities, see `kernels.tables`
 
 
 class Target(NamedTuple):

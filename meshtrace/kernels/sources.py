@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.kernels import tables
 from meshtrace.kernels.interface import reflectance
 from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import (
@@ -38,10 +39,11 @@ class SourceKind(IntEnum):
     GAUSSIAN_BEAM = 1
     TOP_HAT_BEAM = 2
     ISOTROPIC = 3
-    SUN = 4
-    UNIFORM_SKY = 5
-    CARDIOIDAL_SKY = 6
-    APERTURE = 7
+    TABLE = 4
+    SUN = 5
+    UNIFORM_SKY = 6
+    CARDIOIDAL_SKY = 7
+    APERTURE = 8
     """Lambertian inside a cone: the light of an aperture, reversed."""
 
 
@@ -55,6 +57,8 @@ class Sources(NamedTuple):
     size: NDArray[np.float64]  # beam radius, or half-width of the square of sun or sky [m]
     in_water: NDArray[np.bool_]
     cum_power: NDArray[np.float64]  # cumulative share of the power, ends at 1
+    e1: NDArray[np.float64]  # (n, 3) unit, across the axis: zero of the azimuths of a table
+    table: NDArray[np.int64]  # address of a table of intensities, see `kernels.tables`, else 0
 
 
 @inlined
@@ -68,6 +72,8 @@ def intensity(emitter, w):
         return emitter.norm * cos_theta**emitter.spread if cos_theta > 0.0 else 0.0
     if emitter.kind == SourceKind.ISOTROPIC:
         return emitter.norm
+    if emitter.kind == SourceKind.TABLE:
+        return tables.intensity(emitter.table, w, emitter.axis, emitter.e1, emitter.e2)
     theta = math.acos(min(max(cos_theta, -1.0), 1.0))
     if emitter.kind == SourceKind.APERTURE:
         return emitter.norm * max(cos_theta, 0.0) if theta <= emitter.spread else 0.0
@@ -91,7 +97,7 @@ def beam_width(emitter):
         return 1.0 / math.sqrt(max(emitter.spread, 1.0))
     if emitter.kind == SourceKind.ISOTROPIC:
         return 1.0
-    # half the radius of a Gaussian at 1/e^2 is its standard deviation
+    # half the radius of a Gaussian at 1/e^2 is its standard deviation; tables have the like of it
     return 0.5 * emitter.spread
 
 
@@ -107,6 +113,8 @@ def dark_angle(emitter):
     if emitter.kind == SourceKind.GAUSSIAN_BEAM:
         # exp(-2 (theta / spread)^2) = exp(-_DARK)
         return emitter.spread * math.sqrt(0.5 * _DARK)
+    if emitter.kind == SourceKind.TABLE:
+        return tables.number(emitter.table, tables.Place.DARK.value)
     return math.pi if emitter.kind == SourceKind.ISOTROPIC else emitter.spread
 
 
@@ -174,7 +182,9 @@ def launch(sources, seed, photon):
     kind = sources.kind[i]  # lamps come before SUN in `SourceKind`, skies after it
     p, axis = row(sources.position, i), row(sources.axis, i)
     spread, size = sources.spread[i], sources.size[i]
-    if kind < SourceKind.SUN or kind == SourceKind.APERTURE:
+    if kind == SourceKind.TABLE:
+        d = tables.direction(sources.table[i], u0, u1, axis, row(sources.e1, i))
+    elif kind < SourceKind.SUN or kind == SourceKind.APERTURE:
         d = turn(axis, emission_s(kind, spread, u0), u1)
     elif kind == SourceKind.SUN:
         d = axis

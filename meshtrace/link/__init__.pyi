@@ -15,12 +15,14 @@ from .receivers import WaterAperture as WaterAperture
 from .receivers import WaterReceiver as WaterReceiver
 from .sources import AirBeam as AirBeam
 from .sources import AirLed as AirLed
+from .sources import AirMeasuredLamp as AirMeasuredLamp
 from .sources import AirSource as AirSource
 from .sources import AirTopHatBeam as AirTopHatBeam
 from .sources import CardioidalSky as CardioidalSky
 from .sources import GaussianBeam as GaussianBeam
 from .sources import IsotropicSource as IsotropicSource
 from .sources import Led as Led
+from .sources import MeasuredLamp as MeasuredLamp
 from .sources import Source as Source
 from .sources import Sun as Sun
 from .sources import TopHatBeam as TopHatBeam

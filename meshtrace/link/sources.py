@@ -6,19 +6,24 @@ import math
 from abc import abstractmethod
 from typing import ClassVar, Literal
 
-from pydantic import Field
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator
 
+from meshtrace.link.photometry import Photometry, frame, read_photometry
 from meshtrace.models import Family, Finite, Model, NonNegative, Position, Positive
 from meshtrace.optics.fresnel import unit_vector
 
 __all__ = [
     "AirBeam",
     "AirLed",
+    "AirMeasuredLamp",
     "AirTopHatBeam",
     "CardioidalSky",
     "GaussianBeam",
     "IsotropicSource",
     "Led",
+    "MeasuredLamp",
     "Sun",
     "TopHatBeam",
     "UniformSky",
@@ -143,6 +148,37 @@ class _TopHat(Model, frozen=True):
         return self.divergence_deg
 
 
+class _Measured(Model, frozen=True):
+    """Pattern of a lamp that was measured, from a file."""
+
+    file: str
+    roll_deg: Finite = 0.0
+
+    pattern: ClassVar[str] = "table"
+
+    @field_validator("file")
+    @classmethod
+    def _readable(cls, file: str) -> str:
+        read_photometry(file)
+        return file
+
+    @property
+    def photometry(self) -> Photometry:
+        """Intensities of the file."""
+        return read_photometry(self.file)
+
+    @property
+    def spread_deg(self) -> float:
+        """Half-angle beyond which the intensity is below half of the largest [deg]."""
+        return max(math.degrees(self.photometry.half_angle), 1e-3)
+
+    @property
+    def sides(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Unit vectors across the axis, along the planes C0 and C90 of the file."""
+        rest = 1.0 if isinstance(self, WaterSource) else -1.0
+        return frame(self.axis, rest, math.radians(self.roll_deg))  # type: ignore[attr-defined]
+
+
 class WaterSource(Source, frozen=True):
     """Base of the sources in the water, with a depth and an axis.
 
@@ -235,6 +271,26 @@ class IsotropicSource(WaterSource, frozen=True):
     kind: Literal["isotropic"] = "isotropic"
 
 
+class MeasuredLamp(_Measured, WaterSource, frozen=True):
+    """Lamp under water with the measured intensities of an IES or EULUMDAT file.
+
+    Parameters
+    ----------
+    file : str
+        Path of an IES file (LM-63), or of a EULUMDAT file with the ending .ldt; the pattern is that
+        of the file, the power `power_mw`.
+    roll_deg : float
+        Turn of the lamp about its axis [deg]. Straight up or down, the plane C0 of the file lies
+        along +x without it; C runs counter-clockwise as seen from behind the lamp.
+
+    Notes
+    -----
+    The lamp is a point. `meshtrace.link.photometry` states how the formats are read.
+    """
+
+    kind: Literal["measured-lamp"] = "measured-lamp"
+
+
 class AirLamp(Source, frozen=True):
     """Base of the lamps in the air, with a height and an axis that leans from straight down.
 
@@ -324,6 +380,20 @@ class AirTopHatBeam(_TopHat, AirLamp, frozen=True):
     kind: Literal["air-top-hat-beam"] = "air-top-hat-beam"
 
 
+class AirMeasuredLamp(_Measured, AirLamp, frozen=True):
+    """Lamp in the air that shines down, with the measured pattern of `MeasuredLamp`.
+
+    Parameters
+    ----------
+    height, position, tilt_deg, tilt_azimuth_deg, power_mw, wavelength_nm
+        As those of `AirLed`.
+    file, roll_deg
+        As those of `MeasuredLamp`.
+    """
+
+    kind: Literal["air-measured-lamp"] = "air-measured-lamp"
+
+
 class AirSource(Source, frozen=True):
     """Base of the sun and the skies: light on a square of the sea.
 
@@ -394,5 +464,6 @@ ABOVE: dict[type[Source], type[AirLamp]] = {
     Led: AirLed,
     GaussianBeam: AirBeam,
     TopHatBeam: AirTopHatBeam,
+    MeasuredLamp: AirMeasuredLamp,
 }
 """Kinds of lamps in the air, by the kind in the water with the same pattern."""

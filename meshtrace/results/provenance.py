@@ -6,7 +6,7 @@ import os
 import platform
 import subprocess
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,14 @@ def environment() -> dict[str, str]:
         "python": platform.python_version(),
         "machine": platform.machine(),
     }
-    return programs | {name: version(name) for name in ("numpy", "numba", "embreex", "scipy")}
+    return programs | {name: _version(name) for name in ("numpy", "numba", "embreex", "scipy")}
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:  # embreex, where it has no wheel
+        return "none"
 
 
 @check_call

@@ -19,7 +19,6 @@ import heapq
 import json
 import math
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -32,6 +31,7 @@ from time import perf_counter, process_time, thread_time
 from typing import Any, TypeVar
 
 import numpy as np
+import psutil
 from numpy.typing import NDArray
 
 from meshtrace import EmbreeIntersector, TriangleMesh, background, parallel
@@ -131,6 +131,10 @@ def of_command(*arguments: str, env: dict[str, str] | None = None) -> tuple[floa
 
 def peak_mib() -> float:
     """Return the peak of resident memory of this process [MiB]."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return float(psutil.Process().memory_info().peak_wset) / 2**20
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (2**20 if sys.platform == "darwin" else 2**10)
 

@@ -49,13 +49,13 @@ def check(tries, longest, folder):
         assert os.listdir(folder) == []
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.posix
 @pytest.mark.slow
 def test_ctrl_c_at_random_times(tmp_path):
     check(6, 1.0, tmp_path)
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.posix
 @pytest.mark.thorough
 def test_ctrl_c_while_kernels_compile(tmp_path, monkeypatch):
     """The process ends, too, and leaves whole kernels or none; a lock left behind holds nobody."""
@@ -71,7 +71,7 @@ def test_ctrl_c_while_kernels_compile(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.drill
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.posix
 def test_ctrl_c_at_many_times(tmp_path):
     check(60, 3.0, tmp_path)
 
@@ -104,7 +104,7 @@ start.main()
 """
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.posix
 @pytest.mark.parametrize("case", ["Late", "Half", "Llvm"])
 def test_ctrl_c_in_a_callback_is_not_lost(case, tmp_path):
     """Exceptions of `__del__` go nowhere; once the command went on, or printed them."""

@@ -17,7 +17,8 @@ def _names():
     for page in sorted((ROOT / "docs" / "api").glob("*.md")):
         yield from re.findall(r"~(meshtrace[\w.]+)", page.read_text(encoding="utf-8"))
     package = Path(meshtrace.__file__).parent
-    rooms = [package, *(path for path in package.iterdir() if path.is_dir())]
+    beside = (Path(room.__file__).parent for room in (meshtrace.surfaces, meshtrace.viz))
+    rooms = [package, *(path for path in package.iterdir() if path.is_dir()), *beside]
     for room in rooms:
         stub = room / "__init__.pyi"
         if stub.exists():

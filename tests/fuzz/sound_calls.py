@@ -226,6 +226,7 @@ OTHER = {
                              "realizations": 0},
     "design": {"realizations": 8}, "Design.choice": {"key": "receiver.radius"},
     "channel_trace": {"surface": SEA, "rate": 10.0},
+    "replay": {"waveform": [1.0, 0.0, 1.0], "rate": 100.0, "start": 0.0, "direction": "up"},
     "lidar": {"link": LIDAR, "surface": SEA, "seas": 2},
     "coverage_map": {"times": None},
     "background": {"wavelengths_nm": None},

@@ -225,7 +225,7 @@ def holder(monkeypatch, tmp_path):
 
 @pytest.mark.process
 @pytest.mark.thorough
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.posix
 def test_a_stopped_process_that_compiles_delays_others_for_a_bounded_time(
     holder, monkeypatch, capfd
 ):
@@ -247,7 +247,7 @@ def test_a_stopped_process_that_compiles_delays_others_for_a_bounded_time(
 
 @pytest.mark.process
 @pytest.mark.thorough
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.posix
 def test_the_lock_of_a_killed_process_is_free(holder, monkeypatch, capfd):
     import own
 
@@ -278,7 +278,7 @@ def test_bounds_of_the_wait():
 # ---- kernels of strangers ----------------------------------------------------------------------
 
 
-@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+@pytest.mark.posix
 def test_folders_and_kernels_are_those_of_their_owner_alone(folder):
     before = os.umask(0o002)
     try:
@@ -323,7 +323,7 @@ FOREIGN = {
 }
 
 
-@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+@pytest.mark.posix
 @pytest.mark.parametrize("place", FOREIGN)
 def test_kernels_that_others_may_have_written_are_not_read(place, kernel, tmp_path):
     if "another" in place and os.geteuid() != 0:

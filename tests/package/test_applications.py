@@ -34,7 +34,8 @@ def offered():
 
 def stub_names(room):
     """Return the names that a package offers by its stub."""
-    stub = PACKAGE.joinpath(*room.split(".")[1:], "__init__.pyi")
+    places = getattr(import_module(room), "__path__", ["."])
+    stub = Path(places[0], "__init__.pyi")
     if not stub.exists():
         return set()
     imports = [n for n in ast.parse(stub.read_text("utf-8")).body if isinstance(n, ast.ImportFrom)]

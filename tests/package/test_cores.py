@@ -51,6 +51,7 @@ def test_a_study_has_as_many_processes_as_cores(four, monkeypatch):
 
 
 @pytest.mark.process
+@pytest.mark.posix
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="affinity of Linux")
 def test_a_process_on_one_core_has_one_thread():
     """It once had as many as the machine has cores, as under `taskset -c 0`."""

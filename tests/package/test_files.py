@@ -47,6 +47,7 @@ def test_the_temporary_file_is_on_the_same_disk_with_the_suffix_of_the_target(tm
         assert temporary.suffix == ".png"
 
 
+@pytest.mark.posix
 def test_a_new_file_follows_the_umask_and_an_old_one_keeps_its_permissions(tmp_path):
     old = os.umask(0o027)
     try:
@@ -63,6 +64,7 @@ def test_a_new_file_follows_the_umask_and_an_old_one_keeps_its_permissions(tmp_p
     assert (tmp_path / "new").read_bytes() == b"2"
 
 
+@pytest.mark.posix
 def test_a_symbolic_link_stays_and_its_target_is_replaced(tmp_path):
     (tmp_path / "folder").mkdir()
     (tmp_path / "folder" / "real").write_bytes(b"old")
@@ -94,6 +96,7 @@ def test_a_killed_writer_leaves_the_old_file_whole(tmp_path):
         assert target.read_bytes() in (b"o" * 100, b"n" * 4096 * 400)
 
 
+@pytest.mark.posix
 def test_a_new_or_regular_file_may_be_written(tmp_path):
     (tmp_path / "old").write_bytes(b"")
     errors.require_writable(tmp_path / "old", inputs=[None, tmp_path / "none", tmp_path])
@@ -121,6 +124,7 @@ def _unwritable(folder):
     }
 
 
+@pytest.mark.posix
 def test_what_cannot_be_written_is_refused_in_one_line(tmp_path):
     for case, path in _unwritable(tmp_path).items():
         with pytest.raises(Refused) as caught:
@@ -135,7 +139,7 @@ def test_another_output_is_refused_before_it_exists(tmp_path):
         errors.require_writable(tmp_path / "a.nc", inputs=[tmp_path / "none" / ".." / "a.nc"])
 
 
-@pytest.mark.parametrize("make", [os.link, os.symlink])
+@pytest.mark.parametrize("make", [os.link, pytest.param(os.symlink, marks=pytest.mark.posix)])
 def test_the_input_is_refused_under_any_name(tmp_path, make):
     (tmp_path / "link.toml").write_bytes(b"")
     make(tmp_path / "link.toml", tmp_path / "other")

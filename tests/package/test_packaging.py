@@ -2,7 +2,6 @@
 
 import ast
 import json
-import os
 import re
 import runpy
 import subprocess
@@ -44,9 +43,9 @@ def modules_after(code):
 
 
 def files():
-    """Return the files of the package, with those of the linked surfaces/ and viz/."""
-    tree = os.walk(ROOT / "meshtrace", followlinks=True)
-    return [Path(folder, name) for folder, _, names in tree for name in names]
+    """Return the files of the package."""
+    folders = (ROOT / name for name in ("meshtrace", "surfaces", "viz"))
+    return [path for folder in folders for path in folder.rglob("*") if path.is_file()]
 
 
 def test_every_package_has_an_init_with_a_docstring():

@@ -530,6 +530,7 @@ def test_a_scenario_takes_surfaces_only():
         Scenario.model_validate({**dict(scenario), "surface": 3})
 
 
+@pytest.mark.posix
 def test_endless_and_huge_inputs_are_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "pipe.toml")
     (tmp_path / "huge.toml").write_bytes(b"#" * (17 * 2**20))

@@ -134,6 +134,7 @@ def killed_after(items, study, path):
     assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
 
 
+@pytest.mark.posix
 @pytest.mark.process
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=pytest.mark.thorough) if n in LONG else n for n in STUDIES]
@@ -399,6 +400,7 @@ def test_a_file_system_without_locks_is_named(tmp_path, monkeypatch):
         pass
 
 
+@pytest.mark.posix
 def test_store_of_a_stopped_process_is_refused_at_once(holder):
     """Nothing waits for it."""
     process, store = holder

@@ -118,6 +118,7 @@ def test_cluster_without_workers_is_refused_in_time(scheduler):
     assert time.monotonic() - start < 20.0
 
 
+@pytest.mark.posix
 @pytest.mark.thorough
 def test_a_stopped_worker_is_refused_in_time(scheduler, worker_of):
     """The client once waited for it without limit."""
@@ -132,6 +133,7 @@ def test_a_stopped_worker_is_refused_in_time(scheduler, worker_of):
     assert time.monotonic() - start < 60.0
 
 
+@pytest.mark.posix
 @pytest.mark.thorough
 def test_a_stopped_scheduler_ends_the_study(scheduler, worker_of, monkeypatch):
     """A client that had no answer once took it for a busy scheduler for ever."""
@@ -148,6 +150,7 @@ def test_a_stopped_scheduler_ends_the_study(scheduler, worker_of, monkeypatch):
     assert time.monotonic() - start < 90.0
 
 
+@pytest.mark.posix
 @pytest.mark.thorough
 def test_jobs_of_a_stopped_worker_are_done_by_others(tmp_path):
     """Within the time after which dask gives up a worker without a sign of life."""
@@ -162,6 +165,7 @@ def test_jobs_of_a_stopped_worker_are_done_by_others(tmp_path):
     assert file.exists()
 
 
+@pytest.mark.posix
 @pytest.mark.slow
 def test_dead_scheduler_ends_the_command(scheduler, worker_of, tmp_path):
     process, address = scheduler

@@ -90,6 +90,7 @@ def test_killed_client_loses_nothing(expected, tmp_path):
     assert finished(store).all()
 
 
+@pytest.mark.posix
 @pytest.mark.slow
 def test_killed_worker_loses_nothing(expected, tmp_path):
     store, result = tmp_path / "depths.store", []
@@ -117,6 +118,7 @@ def keys_in_memory(dask_worker):
     return sorted(dask_worker.data)
 
 
+@pytest.mark.posix
 @pytest.mark.slow
 def test_results_lost_with_their_worker_are_computed_again(expected):
     """The first result is being written; the worker dies with the next three in its memory."""
@@ -145,6 +147,7 @@ def test_results_lost_with_their_worker_are_computed_again(expected):
     assert (data["error"] == "").all()
 
 
+@pytest.mark.posix
 @pytest.mark.slow
 def test_interrupted_command_goes_on(expected, tmp_path):
     study, store = tmp_path / "study.toml", tmp_path / "study.store"

@@ -121,8 +121,9 @@ async def serve(explorer: Explorer, open_browser: bool) -> None:
     sys.setswitchinterval(5e-4)
     loop, terminated = asyncio.get_running_loop(), asyncio.Event()
     loop.set_exception_handler(_report)
-    with suppress(NotImplementedError, RuntimeError, ValueError):  # Windows, or another thread
-        loop.add_signal_handler(signal.SIGTERM, terminated.set)
+    with suppress(ValueError):  # another thread than the main one
+        # not `add_signal_handler`, which the loops of Windows lack
+        signal.signal(signal.SIGTERM, lambda *_: loop.call_soon_threadsafe(terminated.set))
     messages = logging.StreamHandler()
     messages.setFormatter(_OneLine())
     messages.addFilter(_of_open_browsers)

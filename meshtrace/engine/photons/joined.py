@@ -254,7 +254,8 @@ class JoinedPhotons:
         else:  # an aperture in the water as the one source of photons that run backwards
             end = start.kind, start.position, start.axis, start.spread, start.radius
             in_water, share = True, 1.0
-            sources = Sources(*(np.array([value]) for value in (*end, in_water, share)))
+            rest = in_water, share, start.e1, start.table
+            sources = Sources(*(np.array([value]) for value in (*end, *rest)))
         grid = arrays.grid_arrays(intersector.mesh)
         bins, facets, manifold = arrays.NO_BINS, np.zeros(0, FACET), None
         # a grid finds the facet over a point by its lines; Newton over smooth waves by bins

@@ -26,7 +26,6 @@ from meshtrace.kernels.scene import Emitter, Locator, Scene, Target, height_on, 
 from meshtrace.kernels.sources import Sources
 from meshtrace.kernels.tints import Tints, is_tinted, tint_scattering
 from meshtrace.kernels.vectors import (
-    ORIGIN,
     TWO_PI,
     Vec2,
     Vec3,
@@ -200,7 +199,7 @@ def scene_to(t, world):
     pattern, center, axis = t.lamp, vector_of(t.center), vector_of(t.axis)
     lamp = Emitter(
         center, vector_of(pattern.axis), pattern.kind, pattern.spread, pattern.norm, 1.0, 0.0,
-        ORIGIN, ORIGIN,
+        vector_of(pattern.e1), vector_of(pattern.e2), pattern.table,
     )  # fmt: skip
     target = Target(
         center, axis, vector_of(t.e1), vector_of(t.e2), t.area, t.radius, t.cos_half_fov,

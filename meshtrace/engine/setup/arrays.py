@@ -20,7 +20,7 @@ import numpy as np
 
 from meshtrace.engine.bvh import Hits, Intersector
 from meshtrace.errors import Described, Refused
-from meshtrace.kernels import interface
+from meshtrace.kernels import interface, tables
 from meshtrace.kernels.medium import SMALLEST_ANGLE, Absorption, AngleTable, DepthMode, Medium
 from meshtrace.kernels.rays import Axis, Grid
 from meshtrace.kernels.scene import Locator, Target, count_bins, fill_bins
@@ -28,6 +28,7 @@ from meshtrace.kernels.sources import SourceKind, Sources
 from meshtrace.kernels.tally import Apertures
 from meshtrace.link import AirSource, Link, Receiver, Source, WaterSource
 from meshtrace.link.link import SAME_SIDE
+from meshtrace.link.sources import AirMeasuredLamp, MeasuredLamp
 from meshtrace.mesh import FARTHEST, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.optics.phase import PhaseFunction
@@ -178,9 +179,26 @@ def pattern_of(source: Source) -> tuple[int, float]:
     """Return a source's `SourceKind` and its spread: a Lambertian order, or a half-angle [rad]."""
     # Lambertian sources cos^m have an order m, beams a divergence, isotropic sources neither
     spread = getattr(source, "order", None)
-    if spread is None:
+    if isinstance(source, MeasuredLamp | AirMeasuredLamp):
+        spread = 2.0 * source.photometry.scale  # as a Gaussian beam, of twice its deviation
+    elif spread is None:
         spread = math.radians(getattr(source, "divergence_deg", 0.0))
     return _code(SourceKind, source.pattern), float(spread)
+
+
+def table_of(source: Source) -> int:
+    """Return the address of a source's table of intensities, see `kernels.tables`; 0 without."""
+    if not isinstance(source, MeasuredLamp | AirMeasuredLamp):
+        return 0
+    table, step = source.photometry.rings
+    key = table.tobytes(), table.shape, step
+    # kept as long as Python runs: what has the address holds no array
+    if key not in _TABLES:
+        _TABLES[key] = tables.packed(table, step)
+    return int(_TABLES[key].ctypes.data)
+
+
+_TABLES: dict[Any, Floats] = {}
 
 
 def source_arrays(link: Link, top: float, frame: Frame = IDENTITY) -> Sources:
@@ -199,12 +217,14 @@ def source_arrays(link: Link, top: float, frame: Frame = IDENTITY) -> Sources:
             # the axis points down, so that `back` < 0
             back = top / axis[i, 2]
             position[i] = t.position[0] + back * axis[i, 0], t.position[1] + back * axis[i, 1], top
+    e1 = np.array([t.sides[0] if hasattr(t, "sides") else (1.0, 0.0, 0.0) for t in sources])
+    table = np.array([table_of(t) for t in sources], np.int64)
     in_water = np.array([isinstance(t, WaterSource) for t in sources], bool)
     power = np.array([t.power_mw for t in sources])
     # photons choose their source by inversion of the cumulative power
     cum_power = np.cumsum(power) / power.sum()
     local = frame.points(position)
-    return Sources(kind, local, axis, spread, size / frame.unit, in_water, cum_power)
+    return Sources(kind, local, axis, spread, size / frame.unit, in_water, cum_power, e1, table)
 
 
 def aperture_arrays(link: Link, frame: Frame = IDENTITY) -> Apertures:

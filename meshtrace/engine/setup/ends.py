@@ -26,7 +26,7 @@ from meshtrace.kernels.vectors import ORIGIN, Vec3
 from meshtrace.link import Link, Receiver, Source, WaterReceiver, WaterSource
 from meshtrace.link.link import SAME_SIDE, Direction
 from meshtrace.link.receivers import Aperture
-from meshtrace.link.sources import AirLamp
+from meshtrace.link.sources import AirLamp, AirMeasuredLamp, MeasuredLamp
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 
@@ -357,14 +357,25 @@ def emitter_of(end: Source | Aperture, frame: arrays.Frame = arrays.IDENTITY) ->
     elif kind == SourceKind.TOP_HAT_BEAM:
         # one over the solid angle of the cone
         norm = 1.0 / (2.0 * math.pi * (1.0 - math.cos(spread)))
+    elif isinstance(end, MeasuredLamp | AirMeasuredLamp):
+        disk = Vec3(*end.sides[0].tolist()), Vec3(*end.sides[1].tolist())
+        norm = 1.0  # the table has all
     else:
         norm = 1.0 / (4.0 * math.pi)
-    return Emitter(position, Vec3(*end.axis), kind, spread, norm, 1.0, 0.0, *disk)
+    table = arrays.table_of(end)
+    return Emitter(position, Vec3(*end.axis), kind, spread, norm, 1.0, 0.0, *disk, table)
 
 
 def lamp_intensity(lamp: AirLamp, cosine: Floats) -> Floats:
-    """Return the intensity of a lamp of unit power at cosines of the angle to its axis [sr-1]."""
+    """Return the intensity of a lamp of unit power at cosines of the angle to its axis [sr-1].
+
+    Of a measured lamp the largest over the azimuth and all larger angles.
+    """
     emitter = emitter_of(lamp)
+    if isinstance(lamp, AirMeasuredLamp):
+        return np.asarray(
+            np.interp(np.arccos(np.clip(cosine, -1.0, 1.0)), *lamp.photometry.envelope, right=0.0)
+        )
     cosine = np.clip(cosine, 0.0, 1.0)
     if emitter.kind == SourceKind.LED:
         return np.asarray(emitter.norm * cosine**emitter.spread)
@@ -401,6 +412,9 @@ def lamp_target(lamp: AirLamp, link: Link, frame: arrays.Frame = arrays.IDENTITY
         widest_angle = math.acos(_NEGLIGIBLE ** (1.0 / widest_angle))
     elif kind == SourceKind.GAUSSIAN_BEAM:
         widest_angle *= math.sqrt(-0.5 * math.log(_NEGLIGIBLE))
+    elif isinstance(lamp, AirMeasuredLamp):
+        theta, highest = lamp.photometry.envelope
+        widest_angle = float(theta[highest >= _NEGLIGIBLE * highest[0]][-1])
     widest = min(widest_angle + math.radians(lamp.tilt_deg), _WIDEST)
     return Target(
         center=center,
