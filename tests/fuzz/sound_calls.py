@@ -253,6 +253,7 @@ OTHER = {
     "surfaces.triangulate.read_mesh": {"source": (CORNERS, FACES)},
     "fading.resolve_band": {"surface": SEA, "waves": None},
     "fading.gain_autocovariance": {"surface": SEA},
+    "fading.pointing_residual": {"surface": RESOLVED}, "fading.pointing_outage": {"surface": RESOLVED},
     "fading.scintillation_of_spectrum": {"surface": SEA},
     "comms.Tia.thermal_noise": {"gain": 1e6},
     "comms.LedDriver.levels": {"value": 1e-9},
