@@ -1,8 +1,8 @@
 """Closed forms of the wander of a narrow beam over a Gaussian sea, and of what tracking leaves.
 
-Refraction at the slope s moves the spot of a vertical beam at the height h by (n - 1) h s. The slope
-is averaged over the footprint: with the weight exp(-2 r^2 / w^2) of a Gaussian beam each wave k
-counts by exp(-k^2 w^2 / 4) in variance.
+Refraction at the slope s moves the spot of a vertical beam at the height h by (n - 1) h s. The
+slope is averaged over the footprint: with the weight exp(-2 r^2 / w^2) of a Gaussian beam each wave
+k counts by exp(-k^2 w^2 / 4) in variance.
 """
 
 from __future__ import annotations
@@ -23,10 +23,12 @@ Predictor = Literal["hold", "linear"]
 SAMPLE = 0.002
 """Time between samples of the linear predictor [s]."""
 
-# Past of the linear predictor, at most. Over longer lags the nodes of the spectrum, 0.15 rad/s apart
-# at 100 rad/s, would return like separate tones, which a predictor foretells without error.
+# Past of the linear predictor, at most. Over longer lags the nodes of the spectrum, 0.15 rad/s
+# apart at 100 rad/s, would return like separate tones, which a predictor foretells without error.
 _SAMPLES, _MEMORY = 400, 0.8  # [1], [s]
-_LEAST_NOISE = 1e-6  # share of the variance that keeps the normal equations well-conditioned
+LEAST_NOISE = 1e-6
+"""Noise over the variance that keeps the normal equations well-conditioned."""
+
 _AZIMUTHS = 2048  # of the outage: a periodic integrand, exact to rounding for any ratio of axes
 
 
@@ -51,7 +53,7 @@ class Wander(NamedTuple):
         return np.einsum("an,mn->am", self.variance, np.cos(np.outer(lags, self.omega)))
 
     def coefficients(
-        self, latency: float, sample: float = SAMPLE, noise: float = _LEAST_NOISE
+        self, latency: float, sample: float = SAMPLE, noise: float = LEAST_NOISE
     ) -> Floats:
         """Return the best linear predictor a (m,) of both axes, newest sample first.
 
@@ -78,7 +80,7 @@ class Wander(NamedTuple):
             # 1 - cos by its half angle, without cancellation at short latencies
             steps = 4.0 * np.sin(0.5 * self.omega * latency) ** 2
             return (self.variance * steps).sum(axis=1) + (noise or 0.0) * 0.5 * whole.sum()
-        noise = _LEAST_NOISE if noise is None else noise
+        noise = max(noise or 0.0, LEAST_NOISE)
         a = self.coefficients(latency, sample, noise)
         lags = sample_lags(sample)
         by_axis = zip(whole, self.covariance(lags), self.covariance(latency + lags), strict=True)
@@ -123,7 +125,7 @@ def pointing_residual(
         Time T between the samples of the predictor [s], > 0.
     noise : float, optional
         Variance sigma^2 of the noise of a sample, as a share of that of the wander, >= 0; by
-        default none for "hold", and 1e-6 for "linear", whose equations it keeps well-conditioned.
+        default none. "linear" counts on 1e-6 at least, which keeps its equations well-conditioned.
     omega_max : float, optional
         Highest frequency of the waves [rad s-1]; by default all waves down to 1.3 mm.
 
@@ -220,7 +222,7 @@ def pointing_outage(
 
 def sample_lags(sample: float) -> Floats:
     """Return the ages (m,) [s] of the samples of a linear predictor, less that of the newest."""
-    return sample * np.arange(min(max(round(_MEMORY / sample), 1), _SAMPLES))
+    return sample * np.arange(float(min(max(round(_MEMORY / sample), 1), _SAMPLES)))
 
 
 def outside(variances: Floats, tolerance: float) -> float:

@@ -8,6 +8,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from meshtrace.link.tracker import Tracker
 from meshtrace.models import Family, Finite, Model, NonNegative, Position, Positive
 from meshtrace.optics.fresnel import unit_vector
 
@@ -110,6 +111,7 @@ class _Gaussian(Model, frozen=True):
 
     divergence_deg: float = Field(default=1.0, ge=0.0, lt=60.0, allow_inf_nan=False)
     waist: NonNegative = 0.0
+    tracker: Tracker | None = None
 
     pattern: ClassVar[str] = "gaussian-beam"
 
@@ -129,6 +131,7 @@ class _TopHat(Model, frozen=True):
 
     divergence_deg: float = Field(default=1.0, ge=0.0, le=90.0, allow_inf_nan=False)
     radius: NonNegative = 0.0
+    tracker: Tracker | None = None
 
     pattern: ClassVar[str] = "top-hat-beam"
 
@@ -210,6 +213,8 @@ class GaussianBeam(_Gaussian, WaterSource, frozen=True):
         Half-angle at 1/e^2 of the on-axis intensity [deg], 0 <= divergence < 60.
     waist : float
         Radius at 1/e^2 of the on-axis irradiance at the source [m], >= 0.
+    tracker : Tracker, optional
+        Tracker that steers the beam in time; by default the beam is fixed.
     """
 
     kind: Literal["gaussian-beam"] = "gaussian-beam"
@@ -224,6 +229,8 @@ class TopHatBeam(_TopHat, WaterSource, frozen=True):
         Half-angle of the cone [deg], 0 <= divergence <= 90.
     radius : float
         Radius of the disk [m], >= 0.
+    tracker : Tracker, optional
+        Tracker that steers the beam in time; by default the beam is fixed.
     """
 
     kind: Literal["top-hat-beam"] = "top-hat-beam"
@@ -303,6 +310,8 @@ class AirBeam(_Gaussian, AirLamp, frozen=True):
         Half-angle at 1/e^2 of the on-axis intensity [deg], 0 <= divergence < 60.
     waist : float
         Radius at 1/e^2 of the on-axis irradiance at the source [m], >= 0.
+    tracker : Tracker, optional
+        Tracker that steers the beam in time; by default the beam is fixed.
     """
 
     kind: Literal["air-gaussian-beam"] = "air-gaussian-beam"
@@ -319,6 +328,8 @@ class AirTopHatBeam(_TopHat, AirLamp, frozen=True):
         Half-angle of the cone [deg], 0 <= divergence <= 90.
     radius : float
         Radius of the disk [m], >= 0.
+    tracker : Tracker, optional
+        Tracker that steers the beam in time; by default the beam is fixed.
     """
 
     kind: Literal["air-top-hat-beam"] = "air-top-hat-beam"
