@@ -20,10 +20,7 @@ from meshtrace.optics.fresnel import refract
 from meshtrace.surfaces.waves import WaveComponents, sum_waves
 
 _MOST_SAMPLES = 10**7
-_LEAST = {
-    "slope": LEAST_NOISE,
-    "spot": 1e-3,
-}  # noise for which predictors are made, over the variance
+_LEAST = {"slope": LEAST_NOISE, "spot": 1e-3}  # share of noise that predictors count on
 _SETTLING = 3  # latencies before the first frame, after which a held beam follows the sea
 _STREAM = 0x7472  # of the noise: another one than that of the wind from the same seed
 _NODES = 6  # Gauss-Hermite nodes of the footprint along each axis: waves down to 1.5 radii
@@ -91,7 +88,7 @@ def steer(link: Link, surface: SurfaceModel, times: ArrayLike, seed: Seed = 1) -
     .. math:: g = \beta \sqrt{\langle (\partial s / \partial x)^2 \rangle} \ll 1, \quad
               \beta = (n - 1) h d / (d + n h)
 
-    (`Pointing.gain` of a design). Beyond, the sea sends light to the receiver from several places at
+    (`loop_gain` of a design). Beyond, the sea sends light to the receiver from several places at
     once: the spot leaves before the next correction, whatever the latency.
 
     Examples
@@ -235,7 +232,9 @@ class _Beam:
         # Strongly refracting seas send light to the receiver from many places, between which folds
         # end a search: it starts anew on rings about the first place, of widening footprints.
         ring = np.exp(2j * math.pi * np.arange(_STARTS) / 6.0) * (1.0 + np.arange(_STARTS) // 6)
-        starts = np.stack([ring.real, ring.imag], axis=1) * 2.0 * self.radius / abs(lamp[2])
+        starts = (
+            np.stack([ring.real, ring.imag], axis=1) * 2.0 * max(self.radius, 1e-3) / abs(lamp[2])
+        )
         best, least = u, math.inf
         for start in [u, *(u + starts)] if time is not None else [u]:
             found, distance = _newton(miss, start, 1e-6 * abs(end[2]))
@@ -285,8 +284,7 @@ class _Beam:
             before = t.latency
         else:
             before = _SETTLING * t.latency + past * t.sample
-        count = (min(times[-1] - times[0], len(times) * before) + before) / t.sample
-        if count > _MOST_SAMPLES:
+        if times[-1] - times[0] + before > _MOST_SAMPLES * t.sample:
             raise Refused("tracker.sample", t.sample, f"at most {_MOST_SAMPLES:,} samples")
         first = np.floor((times - before) / t.sample + _TIE).astype(np.int64)
         last = np.floor((times - t.latency) / t.sample + _TIE).astype(np.int64)

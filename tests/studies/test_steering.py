@@ -111,7 +111,7 @@ def test_range_and_rate_limit_the_axis():
     assert turns.max() == pytest.approx(0.1, rel=1e-2)
 
 
-def test_the_same_seed_gives_the_same_noise_whatever_the_frames():
+def test_a_seed_gives_its_own_noise():
     link, sea = link_of(noise_deg=0.2, sees="slope"), choppy_patch(5.0)
     assert np.array_equal(steer(link, sea, TIMES, 3).axis, steer(link, sea, TIMES, 3).axis)
     assert not np.array_equal(steer(link, sea, TIMES, 3).axis, steer(link, sea, TIMES, 4).axis)
@@ -153,9 +153,9 @@ def test_link_files_have_a_tracker():
 
 def test_refusals():
     sea = choppy_patch(5.0)
+    two = link_of().replace("transmitter", (link_of().transmitter,) * 2)
     with pytest.raises(Refused, match=r"^transmitter: 2 sources, allowed: one"):
-        link = link_of()
-        steer(link.replace("transmitter", (link.transmitter,) * 2), sea, TIMES)
+        steer(two, sea, TIMES)
     with pytest.raises(Refused, match=r"^times: .*allowed: increasing"):
         steer(link_of(), sea, [1.0, 0.0])
     with pytest.raises(Refused, match=r"^tracker.predictor: 'linear', allowed: hold"):
