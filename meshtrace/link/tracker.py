@@ -38,9 +38,8 @@ class Tracker(Model, frozen=True):
         Last slope (a_0 = 1), or the best linear prediction by the samples of the last 0.8 s, at
         most 400, for waves, footprint and noise (`fading.pointing_residual`).
     sees : {"spot", "slope"}
-        "spot": the place of the spot in the plane of the receiver, which tells the slope where the
-        beam crossed, unless the sea reflects it. "slope": the slopes of the surface, wherever the
-        beam is going to cross.
+        The place of the spot in the plane of the receiver, which tells the slope where the beam
+        crossed unless the sea reflects it, or the slopes of the surface wherever it will cross.
 
     Examples
     --------

@@ -94,7 +94,7 @@ def spot_lines(spots: Sequence[TrackedSpot], outage: float) -> list[str]:
     camera = {spot.radius: spot for spot in spots if spot.latency == _CAMERA}
     narrow, wide = camera[0.005], camera[0.02]
     texts = [
-        f"At 30 ms, as of a camera, holding leaves {100.0 * narrow.held:.2g} % of the variance of a "
+        f"At 30 ms (a camera) holding leaves {100.0 * narrow.held:.2g} % of the variance of a "
         f"spot of 5 mm; a spot of 2 cm with prediction {_share(100.0 * wide.predicted)} %."
     ]
     for word in ("held", "predicted"):
