@@ -39,7 +39,7 @@ class Wander(NamedTuple):
     variance: Floats
 
     @classmethod
-    def over(cls, surface: Any, radius: float, omega_max: float | None = None) -> Wander:
+    def from_sea(cls, surface: Any, radius: float, omega_max: float | None = None) -> Wander:
         """Return the slopes of a sea under a beam of a 1/e^2 radius [m]."""
         require_spectrum(surface)
         spectrum = surface.slope_spectrum(omega_max)
@@ -158,7 +158,7 @@ def pointing_residual(
     >>> round(pointing_residual(sea, 0.03, 0.02, "linear"), 4)
     0.0004
     """
-    wander = Wander.over(surface, radius, omega_max)
+    wander = Wander.from_sea(surface, radius, omega_max)
     return float(wander.left(latency, predictor, sample, noise).sum() / wander.variance.sum())
 
 
@@ -215,7 +215,7 @@ def pointing_outage(
     >>> round(pointing_outage(sea, 10.0, 0.3, 0.01, 0.005), 5)
     0.00614
     """
-    wander = Wander.over(surface, radius, omega_max)
+    wander = Wander.from_sea(surface, radius, omega_max)
     left = wander.left(latency, predictor, sample, noise)
     return outside((n - 1.0) ** 2 * height**2 * left, tolerance)
 

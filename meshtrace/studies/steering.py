@@ -237,9 +237,9 @@ class _Beam:
         )
         best, least = u, math.inf
         for start in [u, *(u + starts)] if time is not None else [u]:
-            found, distance = _newton(miss, start, 1e-6 * abs(end[2]))
+            turned, distance = _newton(miss, start, 1e-6 * abs(end[2]))
             if distance < least:
-                best, least = found, distance
+                best, least = turned, distance
             if least <= 1e-6 * abs(end[2]):
                 break
         return best

@@ -33,7 +33,7 @@ def test_residuals_of_the_table(radius):
 
 
 def test_slope_variance_of_footprints():
-    variances = [Wander.over(SEA, radius).variance.sum() for radius in TABLE]
+    variances = [Wander.from_sea(SEA, radius).variance.sum() for radius in TABLE]
     assert variances == pytest.approx([0.03128, 0.02800, 0.02390], abs=6e-6)
 
 
@@ -43,7 +43,7 @@ def test_outage_of_an_open_and_of_a_held_beam():
 
 
 def test_the_variance_behind_an_outage_is_the_residual():
-    wander = Wander.over(SEA, 0.005)
+    wander = Wander.from_sea(SEA, 0.005)
     for predictor in ("hold", "linear"):
         left = wander.left(0.03, predictor, 0.002, None).sum() / wander.variance.sum()
         assert left == pytest.approx(pointing_residual(SEA, 0.03, 0.005, predictor), rel=1e-6)

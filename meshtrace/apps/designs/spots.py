@@ -55,14 +55,14 @@ def tracked_spots(link: Link, surface: Any, threads: int = 1) -> tuple[TrackedSp
     """
     beam: Any = link.transmitters[0]
     sea = getattr(surface, "short_waves", surface)
-    one = len(link.transmitters) == len(link.receivers) == 1
-    if not (one and link.direction == "up" and hasattr(beam, "tracker")):
+    single = len(link.transmitters) == len(link.receivers) == 1
+    if not (single and link.direction == "up" and hasattr(beam, "tracker")):
         return ()
     if not hasattr(sea, "slope_spectrum"):
         return ()
     spread = math.tan(math.radians(min(beam.divergence_deg, 89.0)))
-    own = math.hypot(beam.size, beam.depth * spread)
-    radii = sorted({*_RADII, float(f"{own:.2g}")})
+    beam_radius = math.hypot(beam.size, beam.depth * spread)
+    radii = sorted({*_RADII, float(f"{beam_radius:.2g}")})
     latencies = sorted({*_LATENCIES, beam.tracker.latency if beam.tracker else _CAMERA})
     pairs = [(radius, latency) for radius in radii for latency in latencies]
     return tuple(ordered_map(partial(_spot, link, sea), pairs, threads))
