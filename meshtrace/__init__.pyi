@@ -55,6 +55,7 @@ from .link import Physics as Physics
 from .link import Receiver as Receiver
 from .link import Sun as Sun
 from .link import TopHatBeam as TopHatBeam
+from .link import Tracker as Tracker
 from .link import UniformSky as UniformSky
 from .link import WaterAperture as WaterAperture
 from .link import WaterReceiver as WaterReceiver

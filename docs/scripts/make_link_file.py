@@ -77,6 +77,7 @@ SECTIONS: list[tuple[str, str, Part]] = [
     ("[water.phase]", "", PhaseFunction),
     ("[bubbles]", '`model = "none"` for no bubbles.', BubblePopulation),
     ("[transmitter]", "", Source),
+    ("[transmitter.tracker]", "Of beams.", [mt.Tracker]),
     ("[receiver]", "", Aperture),
     (
         "[planes]",

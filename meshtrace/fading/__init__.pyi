@@ -14,6 +14,8 @@ from .distribution import outage as outage
 from .distribution import remove_noise as remove_noise
 from .distribution import scintillation_index as scintillation_index
 from .laws import gamma_gamma as gamma_gamma
+from .pointing import pointing_outage as pointing_outage
+from .pointing import pointing_residual as pointing_residual
 from .series import autocorrelation as autocorrelation
 from .series import block_length as block_length
 from .series import coherence_time as coherence_time

@@ -178,7 +178,7 @@ def gain_autocovariance(
     tau = require_array(lags, "lags", "finite times [s]")
     if not np.isfinite(tau).all():
         raise Refused("lags", lags, "finite times [s]")
-    _require_spectrum(surface)
+    require_spectrum(surface)
     if omega_max is None:
         paraxial_lever(link)
         surface = _open_for_fading(link, surface)
@@ -227,7 +227,7 @@ def _slopes_seen(
 
     Refuse a field of view too narrow for light that these slopes deflect.
     """
-    _require_spectrum(surface)
+    require_spectrum(surface)
     lever, spectrum = paraxial_lever(link), surface.slope_spectrum(omega_max)
     missing = (0.0, 0.0)
     if tilts and omega_max is not None:
@@ -245,7 +245,7 @@ def _slopes_seen(
     return lever, spectrum, missing
 
 
-def _require_spectrum(surface: Any) -> None:
+def require_spectrum(surface: Any) -> None:
     """Refuse a surface without a spectrum."""
     if not hasattr(surface, "slope_spectrum"):
         raise Refused(

@@ -28,3 +28,4 @@ from .sources import Sun as Sun
 from .sources import TopHatBeam as TopHatBeam
 from .sources import UniformSky as UniformSky
 from .sources import WaterSource as WaterSource
+from .tracker import Tracker as Tracker

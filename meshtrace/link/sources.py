@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from meshtrace.link.photometry import Photometry, frame, read_photometry
+from meshtrace.link.tracker import Tracker
 from meshtrace.models import Family, Finite, Model, NonNegative, Position, Positive
 from meshtrace.optics.fresnel import unit_vector
 
@@ -115,6 +116,7 @@ class _Gaussian(Model, frozen=True):
 
     divergence_deg: float = Field(default=1.0, ge=0.0, lt=60.0, allow_inf_nan=False)
     waist: NonNegative = 0.0
+    tracker: Tracker | None = None
 
     pattern: ClassVar[str] = "gaussian-beam"
 
@@ -134,6 +136,7 @@ class _TopHat(Model, frozen=True):
 
     divergence_deg: float = Field(default=1.0, ge=0.0, le=90.0, allow_inf_nan=False)
     radius: NonNegative = 0.0
+    tracker: Tracker | None = None
 
     pattern: ClassVar[str] = "top-hat-beam"
 
@@ -246,6 +249,8 @@ class GaussianBeam(_Gaussian, WaterSource, frozen=True):
         Half-angle at 1/e^2 of the on-axis intensity [deg], 0 <= divergence < 60.
     waist : float
         Radius at 1/e^2 of the on-axis irradiance at the source [m], >= 0.
+    tracker : Tracker, optional
+        Tracker that steers the beam in time; by default the beam is fixed.
     """
 
     kind: Literal["gaussian-beam"] = "gaussian-beam"
@@ -260,6 +265,8 @@ class TopHatBeam(_TopHat, WaterSource, frozen=True):
         Half-angle of the cone [deg], 0 <= divergence <= 90.
     radius : float
         Radius of the disk [m], >= 0.
+    tracker : Tracker, optional
+        Tracker that steers the beam in time; by default the beam is fixed.
     """
 
     kind: Literal["top-hat-beam"] = "top-hat-beam"
@@ -359,6 +366,8 @@ class AirBeam(_Gaussian, AirLamp, frozen=True):
         Half-angle at 1/e^2 of the on-axis intensity [deg], 0 <= divergence < 60.
     waist : float
         Radius at 1/e^2 of the on-axis irradiance at the source [m], >= 0.
+    tracker : Tracker, optional
+        Tracker that steers the beam in time; by default the beam is fixed.
     """
 
     kind: Literal["air-gaussian-beam"] = "air-gaussian-beam"
@@ -375,6 +384,8 @@ class AirTopHatBeam(_TopHat, AirLamp, frozen=True):
         Half-angle of the cone [deg], 0 <= divergence <= 90.
     radius : float
         Radius of the disk [m], >= 0.
+    tracker : Tracker, optional
+        Tracker that steers the beam in time; by default the beam is fixed.
     """
 
     kind: Literal["air-top-hat-beam"] = "air-top-hat-beam"

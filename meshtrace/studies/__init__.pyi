@@ -21,5 +21,7 @@ from .sensitivity import sensitivities as sensitivities
 from .sensitivity import swings as swings
 from .series import ensemble as ensemble
 from .series import time_series as time_series
+from .steering import Steering as Steering
+from .steering import steer as steer
 from .sweeps import sweep as sweep
 from .sweeps import sweep_file as sweep_file

@@ -21,6 +21,7 @@ from meshtrace.results.series import ByWavelength, GainSeries, spectral
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of
+from meshtrace.studies.steering import axes_of, tracker_of, with_axes
 from meshtrace.uav import Flight, Route
 
 _STATISTICS = 50  # gains, the least for a comparison with the closed form
@@ -70,6 +71,9 @@ def time_series(
 
     Notes
     -----
+    A beam with a `Tracker` is steered at each time by what it saw before, see `studies.steer`; its
+    times increase. That of a lamp in flight is steered from the tilted axis.
+
     All times share the chains: the Monte Carlo noise is common to them and cancels in
     differences. Unless `waves` of the meshing says otherwise, the mesh holds all waves that make
     the light of the link fade.
@@ -108,7 +112,7 @@ def time_series(
     if campaign.spectral:
         return by_wavelength(campaign, steps)
     series = gain_series(campaign, steps, campaign.gains(steps))
-    if not (flight or route):
+    if steps.links is None:
         return _beside_closed_form(campaign, series)
     origin = campaign.of_flight(flight) if flight else {}
     if route is not None:
@@ -199,12 +203,13 @@ def _beside_closed_form(campaign: Campaign, series: GainSeries) -> GainSeries:
 def in_flight(
     campaign: Campaign, times: Floats, flight: Flight | None, route: Route | None = None
 ) -> Steps:
-    """Return the sea at times (n,) [s], and the links at each of a flight or a route."""
-    if flight is None and route is None:
+    """Return the sea at times (n,) [s], and the links at each of a flight, a route or a tracker."""
+    tracked = [tracker_of(link) is not None for link in campaign.links.values()]
+    if flight is None and route is None and not any(tracked):
         return campaign.in_time(times)
     # a route replaces the place, a flight the tilt: both may act
     where = {} if route is None else route.at(times, campaign.link.air_end[1].height)._asdict()
-    lean = {}
+    lean: dict[str, Floats] = {}
     if flight is not None:
         for link in campaign.links.values():
             name, end = link.air_end
@@ -213,7 +218,21 @@ def in_flight(
         record = flight.uav.simulate_flight(campaign.wind_of(flight), times, campaign.run.seed)
         lean["tilt_deg"], lean["tilt_azimuth_deg"] = np.degrees(record.tilt)
     # links of several wavelengths move together
-    moving = [moved(link, lean | where) for link in campaign.links.values()]
+    moving = [
+        moved(link, lean | where) if lean or where else [link] * len(times)
+        for link in campaign.links.values()
+    ]
+    if campaign.spectral and any(tracked):
+        # one beam of many colours has one axis, steered by its first
+        axes = axes_of(moving[0], campaign.surface, times, campaign.run.seed)
+        moving = [with_axes(links, axes) for links in moving]
+    elif any(tracked):
+        moving = [
+            with_axes(links, axes_of(links, campaign.surface, times, campaign.run.seed))
+            if steered
+            else links
+            for links, steered in zip(moving, tracked, strict=True)
+        ]
     return campaign.in_time(times, list(zip(*moving, strict=True)))
 
 

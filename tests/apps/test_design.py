@@ -12,13 +12,14 @@ from mc_statistics import ALPHA, z_test
 from scipy.stats import binom
 
 import meshtrace as mt
-from meshtrace.apps.designs import study
+from meshtrace.apps.designs import spots, study
 from meshtrace.apps.designs.model import LinkModel, MeanGains, log_quantile
 from meshtrace.apps.designs.page import BestValue
 from meshtrace.errors import Refused
 from meshtrace.fading import gamma_gamma
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.neighbours import DECIBELS, error_of, without_each
+from meshtrace.surfaces import resolved_sea
 from meshtrace.uav import TiltFactors
 
 pytestmark = pytest.mark.filterwarnings(
@@ -65,6 +66,26 @@ def test_lines_of_the_budget_add_up(calm):
     depth, a = scenario.link.depth, scenario.link.water.a
     # rays are a little longer than the depth
     assert beer.day == pytest.approx(-4.343 * a * depth, rel=0.01)
+
+
+def test_spots_of_a_tracked_beam_are_closed_forms(monkeypatch):
+    monkeypatch.setattr(spots, "_RADII", (0.005, 0.02))
+    monkeypatch.setattr(spots, "_LATENCIES", (0.03,))
+    beam = mt.GaussianBeam(depth=10.0, divergence_deg=0.0, waist=0.02)
+    link = mt.Link(transmitter=beam, receiver=mt.Receiver(height=10.0, radius=0.3))
+    sea = resolved_sea(5.0)
+    narrow, wide = spots.tracked_spots(link, sea)
+    assert (narrow.radius, wide.radius) == (0.005, 0.02)
+    assert narrow.held == mt.fading.pointing_residual(sea, 0.03, 0.005)
+    assert wide.outage_predicted == mt.fading.pointing_outage(sea, 10, 0.3, 0.03, 0.02, "linear")
+    # a lever of 1.43 m times the curvature of the slopes: far beyond 1 for a spot of 5 mm
+    assert narrow.loop_gain > 10.0 > wide.loop_gain > 1.0
+    text = "\n".join(spots.spot_lines((narrow, wide), 0.01))
+    assert "holding leaves 35 % of the variance of a" in text
+    assert "predicted: 30 ms 2 cm" in text
+    # lamps that are no beams, and seas without a spectrum
+    assert spots.tracked_spots(mt.Link(), sea) == ()
+    assert spots.tracked_spots(link, mt.FlatSea()) == ()
 
 
 def test_figures_are_those_of_a_performance(calm):

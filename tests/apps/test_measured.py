@@ -12,7 +12,7 @@ from meshtrace.errors import Refused
 from meshtrace.results import load
 
 EXPERIMENTS = measured.experiments()
-UNITS = {"1", "m", "deg", "mrad", "m s-1", "m-1", "%", "dB", "mW"}
+UNITS = {"1", "m", "s", "deg", "mrad", "m s-1", "m-1", "%", "dB", "mW"}
 OUTSIDE = {
     "payne": {"albedo under stratus, Neiburger"},
     "breon-henriot": {

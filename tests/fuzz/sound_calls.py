@@ -254,6 +254,13 @@ OTHER = {
     "surfaces.triangulate.read_mesh": {"source": (CORNERS, FACES)},
     "fading.resolve_band": {"surface": SEA, "waves": None},
     "fading.gain_autocovariance": {"surface": SEA},
+    "fading.pointing_residual": {"surface": RESOLVED, "latency": 0.01, "radius": 0.02},
+    "fading.pointing_outage": {
+        "surface": RESOLVED, "latency": 0.01, "radius": 0.02, "height": 10.0, "tolerance": 0.3,
+    },
+    "studies.steer": {
+        "link": mt.Link(transmitter=mt.GaussianBeam(tracker=mt.Tracker())), "times": [0.0],
+    },
     "fading.scintillation_of_spectrum": {"surface": SEA},
     "comms.Tia.thermal_noise": {"electrons": 1e6},
     "comms.LedDriver.levels": {"value": 1e-9},

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any, Final, Literal, NamedTuple, TypeVar
 
+from meshtrace.apps.designs.spots import TrackedSpot, spot_lines
 from meshtrace.errors import require_word
 from meshtrace.models import Floats
 from meshtrace.results.provenance import water_of
@@ -169,6 +170,8 @@ class Design(Stored, kind="design", title="meshtrace design"):
         Standing of the calibration.
     provenance : dict
         Versions and configuration.
+    spots : tuple of TrackedSpot
+        Wander that a tracker leaves of a beam; none for a link without a beam.
     """
 
     outage: float
@@ -183,6 +186,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
     notes: tuple[str, ...] = ()
     status: str = ""
     provenance: dict[str, Any] = field(default_factory=dict)
+    spots: tuple[TrackedSpot, ...] = ()
 
     def at(self, light: str) -> Figures:
         """Return the figures by "night" or by "day"."""
@@ -290,6 +294,8 @@ class Design(Stored, kind="design", title="meshtrace design"):
             *((text,) for text in best),
             ("JUST CLOSES, each alone", "", *self._reach_lines()),
             ("BUDGET", "", self._budget_table()),
+            *([("WHICH SPOT, WHICH LATENCY", "", *spot_lines(self.spots, self.outage))]
+              if self.spots else []),
             ("WATER AND NOTES", "", f"water: {water_of(self.provenance)}", *self.notes,
              self.status),
         ]  # fmt: skip

@@ -13,6 +13,7 @@ from scipy.interpolate import PchipInterpolator
 
 from meshtrace.apps.designs.model import COLOUR, DEFAULT_CHAINS, LENS, RATE, VIEW, WIDTH, LinkModel
 from meshtrace.apps.designs.page import DAY, PERIODS, BestValue, Design, Period, Reach
+from meshtrace.apps.designs.spots import tracked_spots
 from meshtrace.checks import ErrorRate, Probability, check_call
 from meshtrace.comms.background import filter_shift_nm
 from meshtrace.comms.capacity import capacity, hard_information
@@ -152,6 +153,7 @@ def _page(study: _Study, campaign: Campaign, ranges: Bounds | None) -> Design:
         reserves=np.array([scan.reserves for scan in scans]),
         notes=study.notes(),
         status=study.dark.status,
+        spots=tracked_spots(campaign.link, campaign.surface, campaign.threads),
         provenance=campaign.provenance(campaign.link)
         | study.ensemble.provenance()
         | {

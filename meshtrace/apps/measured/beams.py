@@ -8,12 +8,13 @@ from functools import cache
 import numpy as np
 
 from meshtrace import IrradianceMap, PhotonPaths, Vertex, simulate, trace_paths
+from meshtrace.fading import pointing_residual
 from meshtrace.link import GaussianBeam, Link, Receiver, TopHatBeam
 from meshtrace.models import Floats
 from meshtrace.optics import Petzold, PhaseFunction, Water
 from meshtrace.optics.constituents import fournier_forand_of
 from meshtrace.parallel import default_threads, ordered_map
-from meshtrace.surfaces import FlatSea, JonswapSea
+from meshtrace.surfaces import FlatSea, JonswapSea, resolved_sea
 
 from .suite import MeasuredRow
 
@@ -193,3 +194,26 @@ def link_margins(
     # photons = energy of a bit over that of a photon of 520 nm
     bit = gain * 1e-3 * power_mw / rate * 520e-9 / _QUANTUM
     return 10.0 * math.log10(bit / photons_per_bit)
+
+
+_TRACKED = {"di": (0.75, 0.34), "xu": (None, math.radians(28.0))}  # loss without, [rad s-1]
+
+
+def tracked_loss(
+    row: MeasuredRow, photons: float, latency: float, slope: float, untracked_percent: float,
+    radius: float,
+) -> float:  # fmt: skip
+    """Return the packet loss of a held beam [%], from that of a fixed one and its residual.
+
+    The spot of a round Gaussian law is off by more than R with P = exp(-R^2 / (2 sigma^2)): a share
+    of the variance that is left raises the loss without tracking to the power of its inverse.
+    """
+    loss, rate = _TRACKED.get(row.series, _TRACKED["di"])
+    if row.series == "sea":
+        left = pointing_residual(resolved_sea(5.0), latency, radius)
+    else:
+        # the mean length of a change is sqrt(pi / 2) of the deviation of a component; slopes of a
+        # Gaussian correlation, which forget themselves
+        turn = rate / math.sqrt(0.5 * math.pi) * latency / slope
+        left = -2.0 * math.expm1(-0.5 * turn**2)
+    return 100.0 * (loss or 0.01 * untracked_percent) ** (1.0 / left)

@@ -1,0 +1,135 @@
+"""Which spot, which latency: wander of a tracked beam by the width of its spot on the sea."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from meshtrace.fading import pointing_outage, pointing_residual
+from meshtrace.link import Link
+from meshtrace.parallel import ordered_map
+from meshtrace.tables import text_table
+
+_RADII = 0.001, 0.005, 0.02, 0.1  # [m]
+_LATENCIES = 0.005, 0.01, 0.03, 0.1  # [s]: mirrors and quadrant diodes, cameras, slow cameras
+_CAMERA = 0.03
+
+
+class TrackedSpot(NamedTuple):
+    """Wander that tracking leaves of a beam, by its radius on the sea and by latency.
+
+    Attributes
+    ----------
+    radius, latency : float
+        1/e^2 radius of the beam on the sea [m], and latency of the tracker [s].
+    held, predicted : float
+        Shares of the variance that are left (`fading.pointing_residual`).
+    outage_held, outage_predicted, outage_fixed : float
+        Shares of the time that the spot is off the lens (`fading.pointing_outage`), with a tracker
+        and without.
+    loop_gain : float
+        Lever (n - 1) h d / (d + n h) times the rms curvature of the sea over the footprint [1]; a
+        beam is followed by its spot where it is well below 1, see `studies.steer`.
+    """
+
+    radius: float
+    latency: float
+    held: float
+    predicted: float
+    outage_held: float
+    outage_predicted: float
+    outage_fixed: float
+    loop_gain: float
+
+
+def tracked_spots(link: Link, surface: Any, threads: int = 1) -> tuple[TrackedSpot, ...]:
+    """Return the wander left of a beam by radius and latency; none for a link without a beam.
+
+    Those of the link's beam and of its tracker are among them. Over a spectrum whose tail is no
+    model of short waves these are Elfouhaily's.
+    """
+    beam: Any = link.transmitters[0]
+    sea = getattr(surface, "short_waves", surface)
+    single = len(link.transmitters) == len(link.receivers) == 1
+    if not (single and link.direction == "up" and hasattr(beam, "tracker")):
+        return ()
+    if not hasattr(sea, "slope_spectrum"):
+        return ()
+    spread = math.tan(math.radians(min(beam.divergence_deg, 89.0)))
+    beam_radius = math.hypot(beam.size, beam.depth * spread)
+    radii = sorted({*_RADII, float(f"{beam_radius:.2g}")})
+    latencies = sorted({*_LATENCIES, beam.tracker.latency if beam.tracker else _CAMERA})
+    pairs = [(radius, latency) for radius in radii for latency in latencies]
+    return tuple(ordered_map(partial(_spot, link, sea), pairs, threads))
+
+
+def _spot(link: Link, sea: Any, pair: tuple[float, float]) -> TrackedSpot:
+    radius, latency = pair
+    n, end, depth = link.water.n / link.n_air, link.only_receiver, link.depth
+    outage = partial(pointing_outage, sea, end.height, end.radius, radius=radius, n=n)
+    spectrum = sea.slope_spectrum()
+    # along the wind: k^2 s^2 cos^4 theta, cos^4 = 3/8 + cos(2 theta) / 2 + cos(4 theta) / 8
+    share = 0.375 + 0.5 * spectrum.harmonics[2] + 0.125 * spectrum.harmonics[4]
+    footprint = np.exp(-0.25 * (spectrum.k * radius) ** 2)
+    curvature = math.sqrt(float(np.sum(spectrum.k**2 * spectrum.variance * share * footprint)))
+    return TrackedSpot(
+        radius,
+        latency,
+        pointing_residual(sea, latency, radius),
+        pointing_residual(sea, latency, radius, "linear"),
+        outage(latency=latency),
+        outage(latency=latency, predictor="linear"),
+        outage(latency=None),
+        (n - 1.0) * end.height * depth / (depth + n * end.height) * curvature,
+    )
+
+
+def spot_lines(spots: Sequence[TrackedSpot], outage: float) -> list[str]:
+    """Return the tables of the wander and the outage by spot and latency, and what they say."""
+    camera = {spot.radius: spot for spot in spots if spot.latency == _CAMERA}
+    narrow, wide = camera[0.005], camera[0.02]
+    texts = [
+        f"At 30 ms (a camera) holding leaves {100.0 * narrow.held:.2g} % of the variance of a "
+        f"spot of 5 mm; a spot of 2 cm with prediction {_share(100.0 * wide.predicted)} %."
+    ]
+    for word in ("held", "predicted"):
+        least = {
+            spot.latency: _radius(spot.radius)
+            for spot in reversed(spots)  # the widest first: a narrower one replaces it
+            if getattr(spot, f"outage_{word}") <= outage
+        }
+        latencies = sorted({spot.latency for spot in spots})
+        parts = ", ".join(f"{1e3 * t:g} ms {least.get(t, 'none')}" for t in latencies)
+        share = f"{100.0 * outage:g} % of the time"
+        texts.append(f"Least spot that is off the lens at most {share}, {word}: {parts}.")
+    return [
+        "share of the variance of the wander that is left, held / predicted", "",
+        _table(spots, "loop_gain", "held", "predicted"), "",
+        "share of the time that the spot is off the lens, held / predicted", "",
+        _table(spots, "outage_fixed", "outage_held", "outage_predicted"), "",
+        *(textwrap.fill(text, width=100, subsequent_indent="    ") for text in texts),
+    ]  # fmt: skip
+
+
+def _table(spots: Sequence[TrackedSpot], first: str, held: str, predicted: str) -> str:
+    """Return a table by radius and latency; the first column depends on the radius alone."""
+    lines = []
+    for radius in dict.fromkeys(spot.radius for spot in spots):
+        row = [spot for spot in spots if spot.radius == radius]
+        pairs = (f"{_share(getattr(s, held))} / {_share(getattr(s, predicted))}" for s in row)
+        lines.append((_radius(radius), f"{getattr(row[0], first):.2g}", *pairs))
+    heads = (f"{1e3 * latency:g} ms" for latency in dict.fromkeys(s.latency for s in spots))
+    return text_table(lines, ("spot", first.replace("_", " "), *heads))
+
+
+def _share(share: float) -> str:
+    return "0" if share < 1e-6 else f"{share:.2g}"
+
+
+def _radius(radius: float) -> str:
+    return f"{1e3 * radius:g} mm" if radius < 0.01 else f"{1e2 * radius:g} cm"
