@@ -22,8 +22,6 @@ MONTHS = 12
 # beyond the outermost ones is a share of 3e-5
 _QUANTILES = 2**14
 _RARE = 0.002  # shares at the ends of an input where the surface is continued as a constant
-_DECADES = 20.0  # ratio of the ends from which an input is taken by its logarithm; tuned: a wind
-# from 1 to 15 m/s acts about linearly, chlorophyll by its logarithm
 _OF_FILES = ("file", "variable", "time")
 _ALLOWED = "a law of scipy.stats, samples, or a table with distribution, samples or file"
 
@@ -56,8 +54,13 @@ class Input(NamedTuple):
 
     def axis(self) -> Axis:
         """Return the axis along which runs are placed, without the rarest values."""
-        low, high = self.quantile([_RARE, 1.0 - _RARE]).tolist()
-        return Axis.between(self.name, low, high)
+        values = self.quantile(np.linspace(_RARE, 1.0 - _RARE, 999))
+        low, high = values[[0, -1]].tolist()
+        if not low < high:
+            raise Refused(f"inputs.{self.name}", low, "values that differ")
+        # wind acts about linearly and chlorophyll by its logarithm, and so they are distributed
+        log = low > 0.0 and abs(stats.skew(np.log(values))) < abs(stats.skew(values))
+        return Axis(self.name, low, high, bool(log))
 
 
 class Axis(NamedTuple):
@@ -67,13 +70,6 @@ class Axis(NamedTuple):
     low: float
     high: float
     log: bool
-
-    @classmethod
-    def between(cls, name: str, low: float, high: float) -> Axis:
-        """Return an axis, logarithmic over many multiples of its low end."""
-        if not low < high:
-            raise Refused(f"inputs.{name}", low, "values that differ")
-        return cls(name, low, high, low > 0.0 and high > _DECADES * low)
 
     def place(self, values: Floats) -> Floats:
         """Return the places of values, limited to 0 ... 1."""

@@ -263,7 +263,7 @@ def availability(
     over: Bounds | None = None,
     target: Probability = 0.9,
     runs: Annotated[int, Field(ge=8, le=100_000)] = 32,
-    realizations: Annotated[int, Field(ge=4, le=100_000)] = 8,
+    realizations: Annotated[int, Field(ge=4, le=100_000)] = 6,
     **run: Unpack[StudyOptions],
 ) -> Availability:
     r"""Return the share of the time that a link works, over uncertain inputs.
@@ -356,7 +356,7 @@ def availability(
     for name, (low, high) in checked_bounds(over).items():
         if name in (axis.name for axis in axes):
             raise Refused("over", name, "a key that is no input")
-        axes.append(Axis.between(name, low, high))
+        axes.append(Axis(name, low, high, False))
     electronics = None
     if threshold is None:
         electronics = electronics_of(campaign, ook, bit_rate)

@@ -13,7 +13,7 @@ from meshtrace.models import Floats
 
 # correlation lengths over the range of an axis. Physics is smooth over it: shorter ones follow the
 # noise of few runs, and a surface that needs them shows in its residuals
-_LENGTHS = 0.5, 100.0
+_LENGTHS = 0.5, 20.0
 _RESTARTS = 4  # of the search for the correlation lengths, whose likelihood has several maxima
 
 
@@ -36,8 +36,9 @@ class ResponseSurface:
 
     Notes
     -----
-    The covariance is s^2 exp(-sum_k (x_k - x'_k)^2 / (2 l_k^2)) + w^2 delta, with s, l_k >= 1/2 and
-    w of the largest likelihood. With its inverse K^-1 the residual of run i against the surface of all
+    The covariance is u^2 (x . x' + v^2)^2 + s^2 exp(-sum_k (x_k - x'_k)^2 / (2 l_k^2)) + w^2 delta,
+    of a quadratic trend, departures from it and noise, with u, v, s, l_k >= 1/2 and w of the
+    largest likelihood. With its inverse K^-1 the residual of run i against the surface of all
     others is (K^-1 y)_i / (K^-1)_ii, of the expected variance 1 / (K^-1)_ii (Rasmussen and Williams
     2006, eq. 5.12). Where residuals are larger than that, errors of the surface are raised by
     their ratio.
@@ -51,14 +52,16 @@ class ResponseSurface:
         with extra("availability", "scikit-learn"):
             from sklearn.exceptions import ConvergenceWarning
             from sklearn.gaussian_process import GaussianProcessRegressor
-            from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
-        signal = ConstantKernel(4.0, (1e-2, 1e4)) * RBF(np.ones(places.shape[1]), _LENGTHS)
+            from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, WhiteKernel
+        trend = ConstantKernel(1.0, (1e-3, 1e4)) * DotProduct(1.0, (0.1, 100.0)) ** 2
+        lengths = RBF(np.ones(places.shape[1]), _LENGTHS)
+        signal = trend + ConstantKernel(1.0, (1e-4, 1e2)) * lengths
         options: dict[str, Any] = {"normalize_y": True, "random_state": 0}
         with warnings.catch_warnings():
             # an input without effect has an infinite length, which the bounds cut off
             warnings.simplefilter("ignore", ConvergenceWarning)
             least = min(max((noise / float(values.std())) ** 2, 1e-6), 1.0)
-            kernel = signal + WhiteKernel(2.0 * least, (least, 2.0))
+            kernel = signal + WhiteKernel(max(2.0 * least, 1e-3), (least, 2.0))
             search = GaussianProcessRegressor(kernel, n_restarts_optimizer=_RESTARTS, **options)
             fitted = search.fit(places, values).kernel_
         # the noise belongs to the runs and not to the surface, whose errors are asked for

@@ -186,8 +186,12 @@ def test_samples_of_files(tmp_path):
 
 
 def test_axes():
-    assert not Axis.between("wind_speed", 1.0, 15.0).log
-    axis = Axis.between("water.chlorophyll", 0.03, 3.0)
+    wind, chlorophyll, uniform = (
+        read_inputs({"x": law})[0].axis() for law in (WIND, CHLOROPHYLL, stats.uniform(0, 1))
+    )
+    assert (wind.log, chlorophyll.log, uniform.log) == (False, True, False)
+    assert (wind.low, wind.high) == (1.0, 15.0)
+    axis = Axis("water.chlorophyll", 0.03, 3.0, True)
     assert axis.value(axis.place(np.array([0.01, 0.3, 9.0]))) == pytest.approx([0.03, 0.3, 3.0])
 
 
