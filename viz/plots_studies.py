@@ -197,10 +197,8 @@ def plot_availability(a: studies.Availability, *, ax: Axes | None = None) -> Axe
         ax.axhline(a.target, color=INK, lw=0.8)
         return marks.finished(ax, xlabel=label_of(a.parameter), ylim=(0.0, 1.0))
     rows = a.periods[1:] or a.periods
-    shares = {
-        "share": [[p.share for p in rows], [p.steady_share for p in rows]],
-        "share_stderr": [[p.share_stderr for p in rows], [p.steady_share_stderr for p in rows]],
-    }
+    each = np.array([p[1:5] for p in rows]).T
+    shares = {"share": [each[0], each[2]], "share_stderr": [each[1], each[3]]}
     data = marks.dataset(shares, curve=names, period=[p.name for p in rows])
     return marks.finished(marks.bars(ax, data, "share"), ylim=(0.0, 1.0))
 

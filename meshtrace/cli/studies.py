@@ -261,7 +261,7 @@ def availability(
         "Gain of a working link; default: what the transmission needs.")] = None,
     bit_rate: opt.BitRate = None,
     limit: opt.ErrorLimit = 1e-3,
-    outage: Annotated[float, value("P", "Share of the time in a state that fades may take.")] = 0.01,
+    outage: Annotated[float, value("P", "Share of a state that fades may take.")] = 0.01,
     bounds: opt.Bounds = None,
     target: Annotated[float, value("P", "Share of the year at the range.")] = 0.9,
     runs: Annotated[int, count("Runs to which the surfaces are fitted.", "--runs")] = 32,

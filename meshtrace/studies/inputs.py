@@ -174,12 +174,13 @@ def _by_month(source: Any, field: str) -> tuple[Floats, ...]:
     months = None
     if hasattr(source, "to_series"):  # an xarray.DataArray
         source = source.squeeze().to_series()
-    index = getattr(source, "index", None)  # of a pandas.Series
+    index: Any = getattr(source, "index", None)  # of a pandas.Series
     if hasattr(index, "month"):
         months = np.asarray(index.month)
     values = require_array(source, field, _ALLOWED)
     if values.ndim != 1 or np.isinf(values).any() or np.isfinite(values).sum() < 2:
-        raise Refused(field, Described(f"samples of shape {values.shape}"), "two finite ones or more")
+        shape = Described(f"samples of shape {values.shape}")
+        raise Refused(field, shape, "two finite ones or more")
     if months is None or {*months[np.isfinite(values)].tolist()} != {*range(1, MONTHS + 1)}:
         return (values[np.isfinite(values)],)
     return tuple(values[(months == m) & np.isfinite(values)] for m in range(1, MONTHS + 1))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
@@ -17,7 +18,7 @@ from meshtrace.checks import ErrorRate, Positive, Probability, check_call
 from meshtrace.comms.background import with_background
 from meshtrace.comms.budget import required_gain
 from meshtrace.comms.ook import OokLink, Preset
-from meshtrace.engine.setup.options import Arrivals, StudyOptions
+from meshtrace.engine.setup.options import Arrivals, Case, Meshing, StudyOptions
 from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused
 from meshtrace.fading import gamma_gamma
@@ -26,6 +27,7 @@ from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.parallel import held
+from meshtrace.results.gain import GainResult
 from meshtrace.results.provenance import water_of
 from meshtrace.scenario import Scenario
 from meshtrace.scenario.files import Table, set_value
@@ -34,7 +36,7 @@ from meshtrace.studies.background import electronics_of, mean_sea
 from meshtrace.studies.campaign import DEFAULT_CHAINS, Campaign, campaign_of, case_options
 from meshtrace.studies.inputs import MONTHS, Axis, Input, read_inputs
 from meshtrace.studies.keys import Bounds, checked_bounds
-from meshtrace.studies.neighbours import depth_key
+from meshtrace.studies.neighbours import depth_key, range_of
 from meshtrace.studies.response_surface import ResponseSurface
 from meshtrace.studies.series import over_realizations
 from meshtrace.studies.sweeps import base_scenario, plain_base, transmission_at
@@ -49,11 +51,11 @@ PRIOR: Mapping[str, Any] = {
 _DAYS = np.array([31, 28.25, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31]) / 365.25
 _SETS = 8  # independent sets of states, whose scatter is the Monte Carlo error
 _STATES, _STATES_OF_MONTH = 512, 64  # of a set
-_WEIGHED = 1024  # states of an error of the surface, tuned: its time grows with their square
+_WEIGHED = 512  # states of an error of the surface, tuned: its time grows with their square
 _STEPS = 0.1, 0.2  # of ln gain and ln variance, in the derivatives of a share
 _INDICES = 1024  # states of the Sobol indices
 _NODES = 17  # of a share over the parameter of the range
-_SPREAD = 0.5, 1.5  # bounds of the depth over that of the link
+_SPREAD = 0.6, 1.4  # bounds of the depth over the range at median inputs
 _LEVELS = np.array([0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99])
 _MORE_CHAINS = 4  # of the mean gain, whose error is the largest of a run
 _NOISE_LEFT = 0.1  # of the variance of ln gain, at least what remains without its noise
@@ -211,7 +213,9 @@ class Availability(Stored, kind="availability", title="meshtrace availability"):
         pairs = zip(self.level, self.gain_quantile, strict=True)
         quantiles = ", ".join(f"{100.0 * level:g} % {gain:.3g}" for level, gain in pairs)
         lines += ["", f"quantiles of the mean gain: {quantiles}"]
-        need = "differs between states" if math.isnan(self.need) else f"{self.need:.4g}"
+        need = f"{self.run_need.min():.4g}"
+        if math.isnan(self.need):
+            need += f" to {self.run_need.max():.4g}"
         lines += [
             f"gain of a working link: {need}",
             f"surfaces of {len(self.run_gain)} runs; error at a run left out, its noise included: "
@@ -287,8 +291,8 @@ def availability(
     outage : float
         Wanted outage by fades: the share of time in a state that may miss the need.
     over : mapping of one str to (low, high), optional
-        Key, with bounds, of which the range is asked; by default the depth, 0.5 to 1.5 times that
-        of the link. Empty for no range.
+        Key, with bounds, of which the range is asked; by default the depth, about that at
+        which median inputs close the link. Empty for no range.
     target : float
         Share of the year at the range.
     runs : int
@@ -345,46 +349,37 @@ def availability(
         n = Described(f"{len(campaign.link.receivers)} apertures")
         raise Refused("receiver", n, "one aperture")
     known = read_inputs(PRIOR if inputs is None else inputs)
-    axes = [item.axis() for item in known]
     scenario = base_scenario(link, None)
-    value = math.nan
-    if over is None:
-        far = scenario.link.depth
-        over = {} if math.isnan(far) else {depth_key(scenario.link): (_SPREAD[0] * far, _SPREAD[1] * far)}
-    if len(over) > 1:
-        raise Refused("over", list(over), "one key")
-    for name, (low, high) in checked_bounds(over).items():
-        if name in (axis.name for axis in axes):
-            raise Refused("over", name, "a key that is no input")
-        axes.append(Axis(name, low, high, False))
-    electronics = None
     if threshold is None:
         electronics = electronics_of(campaign, ook, bit_rate)
         scenario = scenario.model_copy(update={"detector": electronics})
-    names = tuple(axis.name for axis in axes)
+    # with the choice of waves, which a campaign fixes for one wind: each run has its own
+    case = Case(scenario.link, scenario.surface, scenario.run, scenario.meshing)
+    meshing = case.with_options(**case_options(run)).meshing
+    names = tuple(item.name for item in known)
     study = _Runs(
-        plain_base(scenario, map(_key, names)), names, case_options(run), campaign.run.seed,
-        realizations, threshold, limit,
+        plain_base(scenario, map(_key, names)), names, campaign.run.photons, meshing,
+        campaign.run.seed, realizations, threshold, limit,
     )  # fmt: skip
-    if over:
-        value = study.value(names[-1])
-    points = stats.qmc.Sobol(len(axes), rng=campaign.run.seed).random_base2(math.ceil(math.log2(runs)))
-    values = np.transpose([axis.value(points[:runs, k]) for k, axis in enumerate(axes)])
-    for k, axis in enumerate(axes):  # refuses ends before the work
-        for end in (axis.low, axis.high):
-            study.scenario([end if i == k else v for i, v in enumerate(values[0].tolist())])
+    if over is None:
+        over = study.about_range(scenario.link, known)
+    study, axes = study.with_range(known, over)
+    value = study.value(axes[-1].name) if over else math.nan
+    sobol = stats.qmc.Sobol(len(axes), rng=campaign.run.seed)
+    places = sobol.random_base2(math.ceil(math.log2(runs)))[:runs]
+    values = np.transpose([axis.value(places[:, k]) for k, axis in enumerate(axes)])
+    study.check(axes, values[0].tolist())
     steps = [(i, *row) for i, row in enumerate(values.tolist())]
-    identity = {"runs": study.identity()}
-    numbers = np.array(list(
-        campaign.evaluate(lambda: study.measure, steps, "runs", identity, lambda step: (4,), "runs")
-    ))  # fmt: skip
+    each = campaign.evaluate(
+        lambda: study.measure, steps, "runs", {"runs": study.identity()}, lambda step: (4,), "runs"
+    )
+    numbers = np.array(list(each))
     if threshold is not None:
         numbers[:, 3] = threshold
+    spans = {item.name: item.quantile([0.0, 0.5, 1.0]).tolist() for item in known}
     # digits of the surfaces do not depend on the threads of BLAS
     answer = held(_Answer)(study, known, axes, values, numbers, outage, target, value)
-    return held(answer.result)(campaign.provenance(of_study={"inputs": {
-        item.name: [len(item.values), *item.quantile([0.0, 0.5, 1.0]).tolist()] for item in known
-    }}))
+    return held(answer.result)(campaign.provenance(of_study={"inputs": spans}))
 
 
 def _key(name: str) -> str:
@@ -397,11 +392,45 @@ class _Runs(NamedTuple):
 
     config: Table
     names: tuple[str, ...]
-    options: dict[str, Any]
+    photons: int
+    meshing: Meshing
     seed: int
     realizations: int
     threshold: float | None
     limit: float
+
+    def with_range(self, inputs: list[Input], over: Bounds) -> tuple[_Runs, list[Axis]]:
+        """Return the runs with the key of the range, and the axes of all."""
+        axes = [item.axis() for item in inputs]
+        if len(over) > 1:
+            raise Refused("over", list(over), "one key")
+        for name, (low, high) in checked_bounds(over).items():
+            if _key(name) in map(_key, self.names):
+                raise Refused("over", name, "a key that is no input")
+            axes.append(Axis(name, low, high, False))
+        return self._replace(names=tuple(axis.name for axis in axes)), axes
+
+    def about_range(self, link: Link, inputs: list[Input]) -> dict[str, tuple[float, float]]:
+        """Return bounds of the depth about that at which median inputs close the link."""
+        if math.isnan(link.depth):
+            return {}
+        at_depth = self._replace(names=(*self.names, depth_key(link)))
+        medians = [float(item.quantile(0.5)) for item in inputs]
+
+        def reserve(depth: float) -> float:
+            scenario = at_depth.scenario([*medians, depth])
+            result = self._mean(scenario, self.seed, 1)
+            return math.log(result.gain / (self.threshold or self._need(scenario, result)))
+
+        low, high = (factor * range_of(reserve, link)[0] for factor in _SPREAD)
+        # the link itself lies within
+        return {depth_key(link): (min(low, link.depth), max(high, link.depth))}
+
+    def check(self, axes: list[Axis], values: list[float]) -> None:
+        """Refuse ends of an axis that are not allowed, before the work."""
+        for k, axis in enumerate(axes):
+            for end in (axis.low, axis.high):
+                self.scenario([*values[:k], end, *values[k + 1 :]])
 
     def identity(self) -> dict[str, Any]:
         """Return what the numbers of a run depend on."""
@@ -412,7 +441,7 @@ class _Runs(NamedTuple):
 
     def scenario(self, values: Any) -> Scenario:
         """Return the scenario at values of the inputs."""
-        table = _copied(self.config)
+        table = deepcopy(self.config)
         for name, value in zip(self.names, values, strict=True):
             set_value(table, _key(name), value)
         return Scenario.from_config(table)
@@ -425,25 +454,34 @@ class _Runs(NamedTuple):
         return float(item)
 
     def measure(self, step: tuple[Any, ...]) -> Floats:
-        """Return mean gain, its standard error, variance of ln gain and needed gain, if asked for."""
+        """Return mean gain, its error, variance of ln gain and, if asked for, the needed gain."""
         number, *values = step
         scenario = self.scenario(values)
         # each run has seas and chains of its own: common ones would bias all runs alike, unseen
-        options = self.options | {"seed": realization_seed(self.seed, number), "threads": 1}
-        campaign = campaign_of(scenario, None, "", options, fading=True, several=False)
+        seed = realization_seed(self.seed, number)
+        result = self._mean(scenario, seed, _MORE_CHAINS)
+        need = math.nan if self.threshold else self._need(scenario, result)
+        variance = 0.0
+        if isinstance(scenario.surface, SeededSurface):
+            run: StudyOptions = {
+                "photons": self.photons, "mesh": self.meshing, "seed": seed, "threads": 1
+            }  # fmt: skip
+            variance = self._variance(campaign_of(scenario, None, "", run, fading=True))
+        return np.array([result.gain, result.gain_stderr, variance, need])
+
+    def _mean(self, scenario: Scenario, seed: int, more: int) -> GainResult:
+        """Return the gain over a sea whose waves are random slopes."""
         sea = scenario.surface
-        random = isinstance(sea, SeededSurface)
-        if random:
-            sea = mean_sea(scenario.link, sea.with_seed(options["seed"]))
+        if isinstance(sea, SeededSurface):
+            sea = mean_sea(scenario.link, sea.with_seed(seed))
         result = simulate(
-            scenario.link, sea, photons=_MORE_CHAINS * campaign.run.photons, seed=options["seed"],
-            mesh=campaign.meshing, threads=1, record=[Arrivals()] if self.threshold is None else (),
+            scenario.link, sea, photons=more * self.photons, seed=seed, threads=1,
+            mesh=self.meshing.replace(waves=None),  # those of `mean_sea` stay
+            record=[Arrivals()] if self.threshold is None else (),
         )  # fmt: skip
         if not result.gain > 0.0:
-            raise Refused(self.names[0], values[0], "a link with light")
-        need = math.nan if self.threshold else self._need(scenario, result)
-        variance = self._variance(campaign) if random else 0.0
-        return np.array([result.gain, result.gain_stderr, variance, need])
+            raise Refused("inputs", Described("a dark link"), "links with light")
+        return result
 
     def _need(self, scenario: Scenario, result: Any) -> float:
         """Return the gain that the transmission needs, under its background and response."""
@@ -465,13 +503,6 @@ class _Runs(NamedTuple):
         return max(total - noise, _NOISE_LEFT * total)
 
 
-def _copied(table: Any) -> Any:
-    """Return a copy of nested tables."""
-    if isinstance(table, Mapping):
-        return {key: _copied(item) for key, item in table.items()}
-    return [_copied(item) for item in table] if isinstance(table, list) else table
-
-
 class _Fades:
     """Gamma-gamma laws of equal shapes, tabulated over the variance of the logarithm."""
 
@@ -484,9 +515,7 @@ class _Fades:
         self._below = np.array([
             gamma_gamma.cdf(h, shape, shape) for h, shape in zip(at, shapes, strict=True)
         ])  # fmt: skip
-        self._table = interpolate.RegularGridInterpolator(
-            (np.log(self._std), self._z), self._below
-        )
+        self._table = interpolate.RegularGridInterpolator((np.log(self._std), self._z), self._below)
 
     def _log_std(self, log_variance: Floats) -> Floats:
         return np.clip(0.5 * log_variance, *np.log(self._std[[0, -1]]))
@@ -560,11 +589,9 @@ class _Answer:
         columns = [list(dict.fromkeys(files)).index(name) for name in files]
         n = _STATES if self._months == 1 else _STATES_OF_MONTH
         seeds = np.random.SeedSequence(self.study.seed).spawn(_SETS)
-        sets = [
-            stats.qmc.Sobol(self._months * (max(columns) + 1), rng=np.random.default_rng(s)).random(n)
-            for s in seeds
-        ]
-        shares = np.array(sets).reshape(_SETS, n, self._months, -1).transpose(2, 0, 1, 3)
+        axes, rngs = self._months * (max(columns) + 1), map(np.random.default_rng, seeds)
+        shares = np.array([stats.qmc.Sobol(axes, rng=rng).random(n) for rng in rngs])
+        shares = shares.reshape(_SETS, n, self._months, -1).transpose(2, 0, 1, 3)
         states = np.empty((*shares.shape[:3], len(self.inputs)))
         for month in range(self._months):
             for k, (item, column) in enumerate(zip(self.inputs, columns, strict=True)):
@@ -615,9 +642,9 @@ class _Answer:
                 self._works(margin + side * step * move[0], log_variance + side * step * move[1])
                 for side in (-1.0, 1.0)
             ]
-            for i, slope in enumerate((ends[1] - ends[0]) / (2.0 * step)):
-                for surface in surfaces:
-                    variance[i] += surface.error_of_sum(at, share * slope) ** 2
+            slopes = share * (ends[1] - ends[0]) / (2.0 * step)
+            for surface in surfaces:
+                variance += surface.errors_of_sums(at, slopes) ** 2
         return by_set.mean(axis=1), np.sqrt(variance)
 
     def _period(self, month: int | None) -> Period:
@@ -642,11 +669,10 @@ class _Answer:
             rng=np.random.default_rng(self.study.seed),
         )  # fmt: skip
         # of a constant there is no share: 0 / 0
-        total, first = (
-            np.nan_to_num(rows).reshape(3, -1) for rows in (indices.total_order, indices.first_order)
-        )
+        orders = indices.total_order, indices.first_order
+        total, first = (np.nan_to_num(order).reshape(3, -1) for order in orders)
         return tuple(
-            Influence(item.name, *total[:, k].tolist(), float(first[2, k]))
+            Influence(item.name, *map(float, [*total[:, k], first[2, k]]))
             for k, item in enumerate(self.inputs)
         )
 
@@ -658,7 +684,7 @@ class _Answer:
             return nothing | {"steady_range": math.nan} | {k: np.full(1, math.nan) for k in names}
         axis = self.axes[-1]
         nodes = np.asarray(axis.value(np.linspace(0.0, 1.0, _NODES)))
-        values, errors = np.moveaxis([self.shares(None, node) for node in nodes], 0, -1)
+        values, errors = np.array([self.shares(None, node) for node in nodes]).transpose(1, 2, 0)
         curves = dict(zip(names, (nodes, values[0], errors[0], values[1]), strict=True))
         reach, steady = (_crossing(nodes, curve - self.target) for curve in values[:2])
         stderr = math.nan

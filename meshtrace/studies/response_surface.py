@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from typing import Any
 
@@ -52,7 +51,12 @@ class ResponseSurface:
         with extra("availability", "scikit-learn"):
             from sklearn.exceptions import ConvergenceWarning
             from sklearn.gaussian_process import GaussianProcessRegressor
-            from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, WhiteKernel
+            from sklearn.gaussian_process.kernels import (
+                RBF,
+                ConstantKernel,
+                DotProduct,
+                WhiteKernel,
+            )
         trend = ConstantKernel(1.0, (1e-3, 1e4)) * DotProduct(1.0, (0.1, 100.0)) ** 2
         lengths = RBF(np.ones(places.shape[1]), _LENGTHS)
         signal = trend + ConstantKernel(1.0, (1e-4, 1e2)) * lengths
@@ -86,11 +90,12 @@ class ResponseSurface:
             return np.full(len(places), self._mean)
         return np.asarray(self._model.predict(places))
 
-    def error_of_sum(self, places: Floats, weights: Floats) -> float:
-        """Return the standard error of the sum of weights (n,) times the surface at places."""
+    def errors_of_sums(self, places: Floats, weights: Floats) -> Floats:
+        """Return the standard errors (k,) of sums of weights (k, n) times the surface at places."""
         if self._model is None:
-            return 0.0
+            return np.zeros(len(weights))
         kernel = self._model.kernel_
         known = weights @ kernel(places, self._places)
-        variance = weights @ kernel(places, places) @ weights - known @ self._inverse @ known
-        return self._factor * self._scale * math.sqrt(max(float(variance), 0.0))
+        variance = ((weights @ kernel(places)) * weights).sum(axis=1)
+        variance -= ((known @ self._inverse) * known).sum(axis=1)
+        return self._factor * self._scale * np.sqrt(np.maximum(variance, 0.0))

@@ -93,6 +93,7 @@ def test_a_surface_without_fades_misleads():
     assert year.steady_share < 0.5
 
 
+@pytest.mark.thorough
 def test_the_surface_states_its_error():
     """Errors of means of the surface from noisy runs are as large as stated."""
     places = stats.qmc.Sobol(2, rng=1).random(32)[:24]
@@ -107,7 +108,7 @@ def test_the_surface_states_its_error():
         noise = 0.05 * np.random.default_rng(seed).normal(size=24)
         surface = ResponseSurface(places, truth(places) + noise, 0.05)
         assert 0.02 < surface.error < 0.12
-        error = surface.error_of_sum(where, weights)
+        (error,) = surface.errors_of_sums(where, weights[None])
         off.append((weights @ (surface.values(where) - truth(where))) / error)
     assert z_test(float(np.mean(off)), 1.0 / math.sqrt(24), 0.0)
     assert 0.6 < float(np.std(off)) < 1.5
@@ -115,7 +116,7 @@ def test_the_surface_states_its_error():
 
 def test_equal_results_are_exact():
     surface = ResponseSurface(np.eye(3), np.full(3, 2.0), 0.1)
-    assert surface.error == surface.error_of_sum(np.eye(3), np.ones(3)) == 0.0
+    assert surface.error == surface.errors_of_sums(np.eye(3), np.ones((1, 3)))[0] == 0.0
     assert (surface.values(np.eye(3)) == 2.0).all()
 
 
@@ -264,7 +265,10 @@ def test_brute_force_of_200_runs():
     wind, chlorophyll = read_inputs(inputs)
     gains = []
     for seed, (u, v) in enumerate(shares):
-        values = {"wind_speed": float(wind.quantile(u)), "water.chlorophyll": float(chlorophyll.quantile(v))}
+        values = {
+            "wind_speed": float(wind.quantile(u)),
+            "water.chlorophyll": float(chlorophyll.quantile(v)),
+        }
         at = mt.Scenario.from_toml("", changes=base | values)
         gains.append(mt.simulate(at.link, mean_sea(at.link, at.surface), seed=900 + seed).gain)
     # shares of 200 Sobol points are multiples of 0.5 %
@@ -282,7 +286,10 @@ def test_fades_against_seas_of_random_states():
     wind, chlorophyll = read_inputs(planning.PRIOR)
     works = []
     for seed, (u, v) in enumerate(stats.qmc.Sobol(2, rng=11).random(128)):
-        values = {"wind_speed": float(wind.quantile(u)), "water.chlorophyll": float(chlorophyll.quantile(v))}
+        values = {
+            "wind_speed": float(wind.quantile(u)),
+            "water.chlorophyll": float(chlorophyll.quantile(v)),
+        }
         at = mt.Scenario.from_toml("", changes=base | values)
         works.append((mt.ensemble(at, 8, photons=512, seed=700 + seed).gain > 1.5e-5).mean())
     # Sobol points scatter less than independent states: the error is an upper bound
