@@ -28,7 +28,6 @@ from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
 from meshtrace.parallel import held
 from meshtrace.results.gain import GainResult
-from meshtrace.results.provenance import water_of
 from meshtrace.scenario import Scenario
 from meshtrace.scenario.files import Table, set_value
 from meshtrace.stored import Columns, Stored, Variable
@@ -55,7 +54,8 @@ _WEIGHED = 512  # states of an error of the surface, tuned: its time grows with 
 _STEPS = 0.1, 0.2  # of ln gain and ln variance, in the derivatives of a share
 _INDICES = 1024  # states of the Sobol indices
 _NODES = 17  # of a share over the parameter of the range
-_SPREAD = 0.6, 1.4  # bounds of the depth over the range at median inputs
+_SPREAD = 0.6, 1.4  # bounds of the depth over that at which median inputs close the link
+_FAR = 2.0  # ratio of that depth to the one of the link from which the bounds are about the latter
 _LEVELS = np.array([0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99])
 _MORE_CHAINS = 4  # of the mean gain, whose error is the largest of a run
 _NOISE_LEFT = 0.1  # of the variance of ln gain, at least what remains without its noise
@@ -229,11 +229,14 @@ class Availability(Stored, kind="availability", title="meshtrace availability"):
         if not self.parameter:
             return []
         low, high = float(self.curve_value[0]), float(self.curve_value[-1])
+        closing = self.provenance.get("run", {}).get("closing_depth")
         always = self.curve_share.min() >= self.target
         text = f"{'beyond' if always else 'not within'} {low:.4g} .. {high:.4g}"
         if not math.isnan(self.range):
             steady = "none" if math.isnan(self.steady_range) else f"{self.steady_range:.4g}"
             text = f"{self.range:.4g} +- {self.range_stderr:.2g} (with the outage: {steady})"
+        elif closing is not None:
+            text += f"; median inputs close the link at {closing:.3g}: ask --over about it"
         return [f"{self.parameter} at {100.0 * self.target:g} % of the year: {text}", ""]
 
     def _notes(self) -> list[str]:
@@ -247,7 +250,11 @@ class Availability(Stored, kind="availability", title="meshtrace availability"):
         ]
 
     def _origin_lines(self) -> list[str]:
-        return [f"water of the link: {water_of(self.provenance)}"] if self.provenance else []
+        spans = self.provenance.get("run", {}).get("inputs", {})
+        rows = (
+            f"{name} {low:.3g}, {mid:.3g}, {high:.3g}" for name, (low, mid, high) in spans.items()
+        )
+        return [f"inputs (least, median, largest): {'; '.join(rows)}"] if spans else []
 
 
 def _percent(share: float, stderr: float) -> str:
@@ -292,7 +299,8 @@ def availability(
         Wanted outage by fades: the share of time in a state that may miss the need.
     over : mapping of one str to (low, high), optional
         Key, with bounds, of which the range is asked; by default the depth, about that at
-        which median inputs close the link. Empty for no range.
+        which median inputs close the link, or about that of the link where they differ twofold.
+        Empty for no range.
     target : float
         Share of the year at the range.
     runs : int
@@ -361,8 +369,15 @@ def availability(
         plain_base(scenario, map(_key, names)), names, campaign.run.photons, meshing,
         campaign.run.seed, realizations, threshold, limit,
     )  # fmt: skip
+    closing: float | None = None
     if over is None:
-        over = study.about_range(scenario.link, known)
+        depth, over = scenario.link.depth, {}
+        if not math.isnan(depth):
+            closing = study.closing_depth(scenario.link, known)
+            # a range far from the link is only named: deeper links take longer
+            middle = closing if depth < _FAR * closing < _FAR**2 * depth else depth
+            low, high = (factor * middle for factor in _SPREAD)
+            over = {depth_key(scenario.link): (min(low, depth), max(high, depth))}
     study, axes = study.with_range(known, over)
     value = study.value(axes[-1].name) if over else math.nan
     sobol = stats.qmc.Sobol(len(axes), rng=campaign.run.seed)
@@ -379,7 +394,9 @@ def availability(
     spans = {item.name: item.quantile([0.0, 0.5, 1.0]).tolist() for item in known}
     # digits of the surfaces do not depend on the threads of BLAS
     answer = held(_Answer)(study, known, axes, values, numbers, outage, target, value)
-    return held(answer.result)(campaign.provenance(of_study={"inputs": spans}))
+    return held(answer.result)(
+        campaign.provenance(of_study={"inputs": spans, "closing_depth": closing})
+    )
 
 
 def _key(name: str) -> str:
@@ -410,10 +427,8 @@ class _Runs(NamedTuple):
             axes.append(Axis(name, low, high, False))
         return self._replace(names=tuple(axis.name for axis in axes)), axes
 
-    def about_range(self, link: Link, inputs: list[Input]) -> dict[str, tuple[float, float]]:
-        """Return bounds of the depth about that at which median inputs close the link."""
-        if math.isnan(link.depth):
-            return {}
+    def closing_depth(self, link: Link, inputs: list[Input]) -> float:
+        """Return the depth [m] at which median inputs close the link."""
         at_depth = self._replace(names=(*self.names, depth_key(link)))
         medians = [float(item.quantile(0.5)) for item in inputs]
 
@@ -422,9 +437,7 @@ class _Runs(NamedTuple):
             result = self._mean(scenario, self.seed, 1)
             return math.log(result.gain / (self.threshold or self._need(scenario, result)))
 
-        low, high = (factor * range_of(reserve, link)[0] for factor in _SPREAD)
-        # the link itself lies within
-        return {depth_key(link): (min(low, link.depth), max(high, link.depth))}
+        return range_of(reserve, link)[0]
 
     def check(self, axes: list[Axis], values: list[float]) -> None:
         """Refuse ends of an axis that are not allowed, before the work."""
