@@ -136,6 +136,18 @@ def calm_design(tmp_path_factory):
     return mt.Design.load(file)
 
 
+@pytest.fixture(scope="session")
+def calm_availability():
+    """Return the availability of a link over still water whose absorption is uncertain."""
+    import meshtrace as mt
+
+    return mt.studies.availability(
+        mt.Scenario.from_toml(CALM),
+        {"water.a": {"distribution": "uniform", "loc": [0.1] * 11 + [0.2], "scale": 0.1}},
+        threshold=2e-5, runs=8, realizations=4, photons=64,
+    )  # fmt: skip
+
+
 @pytest.fixture
 def rng():
     """Return a generator of random numbers with a fixed seed."""

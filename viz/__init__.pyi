@@ -34,6 +34,7 @@ from .plots_results import plot_impulse_response as plot_impulse_response
 from .plots_results import plot_irradiance as plot_irradiance
 from .plots_results import plot_route as plot_route
 from .plots_studies import plot as plot
+from .plots_studies import plot_availability as plot_availability
 from .plots_studies import plot_comparison as plot_comparison
 from .plots_studies import plot_convergence as plot_convergence
 from .plots_studies import plot_duplex as plot_duplex

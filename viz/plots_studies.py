@@ -17,7 +17,7 @@ from meshtrace.models import Floats
 from meshtrace.stored import Stored
 
 from . import marks, plots_curves, plots_results
-from .style import INK, PALETTE, verbatim
+from .style import INK, PALETTE, label_of, verbatim
 
 
 def plot_comparison(result: studies.Comparison, *, ax: Axes | None = None) -> Axes:
@@ -212,6 +212,37 @@ def plot_tornado(
     return ax
 
 
+def plot_availability(a: studies.Availability, *, ax: Axes | None = None) -> Axes:
+    """Plot shares of the time by month, or over the key of the range where no input has months.
+
+    Parameters
+    ----------
+    a : Availability
+        Of `studies.availability`.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+        Shares in which the link works, and with at most the wanted outage, with two standard
+        errors.
+    """
+    names = ["works", f"outage at most {100.0 * a.outage:g} %"]
+    if not a.months and a.parameter:
+        errors = [a.curve_share_stderr, np.zeros_like(a.curve_share)]
+        shares = {"share": [a.curve_share, a.curve_steady_share], "share_stderr": errors}
+        data = marks.dataset(shares, curve=names, curve_value=a.curve_value)
+        ax = marks.lines(ax, data, "share", ("-", "--"))
+        ax.axhline(a.target, color=INK, lw=0.8)
+        return marks.finished(ax, xlabel=label_of(a.parameter), ylim=(0.0, 1.0))
+    rows = a.periods[1:] or a.periods
+    each = np.array([p[1:5] for p in rows]).T
+    shares = {"share": [each[0], each[2]], "share_stderr": [each[1], each[3]]}
+    data = marks.dataset(shares, curve=names, period=[p.name for p in rows])
+    return marks.finished(marks.bars(ax, data, "share"), ylim=(0.0, 1.0))
+
+
 def plot(result: Stored | xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot a result of any kind, or the dataset of a sweep or of `Water.spectra`.
 
@@ -271,6 +302,7 @@ _PLOTS: dict[str, Callable[..., Any] | str] = {
     "irradiance-series": plots_results.plot_irradiance,
     "wavelengths": plots_curves.plot_wavelengths,
     "sensitivity": plot_tornado,
+    "availability": plot_availability,
     "design": "meshtrace.apps.plots:plot_design",
     "optimum": "meshtrace.apps.plots:plot_optimum",
     "inference": "meshtrace.apps.plots:plot_inference",

@@ -253,6 +253,34 @@ def sensitivity(
 
 
 @command()
+def availability(
+    options: opt.StudyOptions,
+    inputs: Annotated[Path | None, value("FILE", "TOML file of uncertain inputs: laws or samples "
+        "by the keys of a link file; default: wind and chlorophyll of the open sea.")] = None,
+    threshold: Annotated[float | None, value("G",
+        "Gain of a working link; default: what the transmission needs.")] = None,
+    bit_rate: opt.BitRate = None,
+    limit: opt.ErrorLimit = 1e-3,
+    outage: Annotated[float, value("P", "Share of a state that fades may take.")] = 0.01,
+    bounds: opt.Bounds = None,
+    target: Annotated[float, value("P", "Share of the year at the range.")] = 0.9,
+    runs: Annotated[int, count("Runs to which the surfaces are fitted.", "--runs")] = 32,
+    realizations: Annotated[int, seas("Seas of the fading of each run.")] = 6,
+    photons: opt.Chains = 2048,
+) -> None:  # fmt: skip
+    """Print the share of the year in which a link works, by month, and its range.
+
+    Response surfaces of mean gain and fading over the inputs are fitted to runs at Sobol points.
+    The range is the depth, or the key of --over, at which the share is that of --target. With a
+    store, another threshold takes no new runs.
+    """
+    study = partial(mt.studies.availability, inputs=inputs, threshold=threshold, bit_rate=bit_rate,
+                    limit=limit, outage=outage, over=dict(bounds or ()) or None, target=target,
+                    runs=runs, realizations=realizations, photons=photons)  # fmt: skip
+    options.run(study, progress(runs, "runs"))
+
+
+@command()
 def irradiance(
     options: opt.StudyOptions,
     depths: Annotated[Any, numbers("Depths of the collector below still water [m], > 0; more than "

@@ -16,6 +16,8 @@ from .performance import DepthSweep as DepthSweep
 from .performance import LinkPerformance as LinkPerformance
 from .performance import depth_sweep as depth_sweep
 from .performance import link_performance as link_performance
+from .planning import Availability as Availability
+from .planning import availability as availability
 from .sensitivity import Sensitivities as Sensitivities
 from .sensitivity import sensitivities as sensitivities
 from .sensitivity import swings as swings

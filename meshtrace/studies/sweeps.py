@@ -13,7 +13,7 @@ import json
 import math
 import time
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.checks import check_call
 from meshtrace.comms.background import DARK
+from meshtrace.comms.ook import OokLink
 from meshtrace.comms.response import ChannelResponse
 from meshtrace.engine.backward.background import background
 from meshtrace.engine.setup.options import Arrivals, Forced
@@ -43,12 +44,13 @@ from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.models import import_modules, modules_of, trusting
+from meshtrace.results.daylight import Background
 from meshtrace.results.gain import GainResult
 from meshtrace.results.impulse import impulse_response
 from meshtrace.results.provenance import environment
 from meshtrace.results.series import checked_wavelengths
 from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
-from meshtrace.scenario.files import as_table, parse_toml, read_text
+from meshtrace.scenario.files import Table, as_table, parse_toml, read_text
 from meshtrace.scenario.parts import changes_irradiance, daylight_recipe, gives_spectrum
 from meshtrace.stored import FORMAT_VERSION
 from meshtrace.studies.background import RAYS, checked_daylight, error_rate, transmission_of
@@ -363,22 +365,33 @@ def _labels(values: list[Any]) -> NDArray[Any]:
 def _under_daylight(scenario: Scenario, result: GainResult) -> NDArray[np.float64]:
     """Return the numbers of `_IN_DAYLIGHT` at the gains of a result, shape (4, receivers)."""
     results = []
-    numbers = zip(scenario.link.receivers, result.gains, result.stderrs, strict=True)
-    for i, (receiver, gain, error) in enumerate(numbers):
-        # each receiver has its own view of the sky
-        link = scenario.link.replace(receiver=receiver)
-        ook, sky = transmission_of(link, scenario.detector), None
-        # without a gain there is no response that could spread the pulses
-        if gain > 0.0 and ook.response is None:
-            impulse = impulse_response(result, receiver=i)
-            response = ChannelResponse.from_arrivals(impulse.delay, impulse.weight, impulse.angle)
-            ook = ook.replace(response=response)
-        if checked_daylight(scenario.daylight, link) is not None:
-            alone = scenario.model_copy(update={"link": link})
-            sky = background(alone, photons=RAYS, seed=scenario.run.seed, threads=1)
+    numbers = zip(result.gains, result.stderrs, strict=True)
+    for i, (gain, error) in enumerate(numbers):
+        ook, sky = transmission_at(scenario, result, i)
         radiance = (sky.radiance, sky.radiance_stderr) if sky else (0.0, 0.0)
         results.append([*radiance, *error_rate(ook, np.array([gain]), float(error), sky)])
     return np.array(results).T
+
+
+def transmission_at(
+    scenario: Scenario, result: GainResult, i: int
+) -> tuple[OokLink, Background | None]:
+    """Return the transmission to receiver i behind its channel, and its background, if any.
+
+    The response of the channel is that of the arrivals that the result recorded.
+    """
+    # each receiver has its own view of the sky
+    link = scenario.link.replace(receiver=scenario.link.receivers[i])
+    ook, sky = transmission_of(link, scenario.detector), None
+    # without a gain there is no response that could spread the pulses
+    if result.gains[i] > 0.0 and ook.response is None:
+        impulse = impulse_response(result, receiver=i)
+        response = ChannelResponse.from_arrivals(impulse.delay, impulse.weight, impulse.angle)
+        ook = ook.replace(response=response)
+    if checked_daylight(scenario.daylight, link) is not None:
+        alone = scenario.model_copy(update={"link": link})
+        sky = background(alone, photons=RAYS, seed=scenario.run.seed, threads=1)
+    return ook, sky
 
 
 @check_call
@@ -471,7 +484,7 @@ def sweep(
     daylight_table = link.get("daylight") if isinstance(link, Mapping) else None
     options: dict[str, Any] = {"rtol": rtol, "photons": photons, "seed": seed}
     options |= {"realizations": realizations, "wavelengths_nm": wavelengths_nm}
-    study = _study(_base(link, surface), daylight_table, parameters, options)
+    study = _study(base_scenario(link, surface), daylight_table, parameters, options)
     return study.run(store, workers, timeout, progress)
 
 
@@ -488,14 +501,7 @@ def _study(
     import tomli_w
 
     plain = {name: _plain(values) for name, values in parameters.items()}
-    config = base.to_config()
-    if base.daylight is not None and any(map(changes_irradiance, plain)):
-        # a moved sun needs the model of the light, not its irradiance at one place
-        recipe = daylight_recipe(base.daylight) if daylight_table is None else daylight_table
-        config["daylight"] = as_table(recipe, "daylight", "model")
-    if base.link.water.spectrum is None and any(map(gives_spectrum, plain)):
-        # the swept description of the water takes the place of its coefficients
-        config["water"] = {k: v for k, v in config["water"].items() if k.startswith("bottom")}
+    config = plain_base(base, plain, daylight_table)
     # plain data for the workers and the store, also where a class is the user's
     text = tomli_w.dumps(config)
     nm = options.get("wavelengths_nm")
@@ -503,6 +509,22 @@ def _study(
     study = Sweep(text, plain, **options)
     study.check()
     return replace(study, modules=tuple(modules_of(f"{text}{plain}")))
+
+
+def plain_base(base: Scenario, keys: Iterable[str], daylight_table: Any = None) -> Table:
+    """Return the plain data of a scenario, open to other values of dotted keys.
+
+    `daylight_table` is as in `_study`.
+    """
+    config, names = base.to_config(), list(keys)
+    if base.daylight is not None and any(map(changes_irradiance, names)):
+        # a moved sun needs the model of the light, not its irradiance at one place
+        recipe = daylight_recipe(base.daylight) if daylight_table is None else daylight_table
+        config["daylight"] = as_table(recipe, "daylight", "model")
+    if base.link.water.spectrum is None and any(map(gives_spectrum, names)):
+        # the description of the water takes the place of its coefficients
+        config["water"] = {k: v for k, v in config["water"].items() if k.startswith("bottom")}
+    return config
 
 
 def read_store(path: Path) -> xr.Dataset:
@@ -623,12 +645,12 @@ def read_study(
     parameters = dict(_dotted(table.pop("parameters", {})))
     # modules that a file names are code of its author
     with trusting(trust):
-        base = _base(Scenario.from_config(config, folder=path.parent), None)
+        base = base_scenario(Scenario.from_config(config, folder=path.parent), None)
         study = _study(base, config.get("daylight"), parameters, shared | table)
     return study, path.parent / store_name if store is None else Path(store)
 
 
-def _base(
+def base_scenario(
     link: Link | Scenario | Mapping[str, Any], sea: MeshSource | Mapping[str, Any] | None
 ) -> Scenario:
     """Return the scenario that all points share, without the options that a sweep sets."""

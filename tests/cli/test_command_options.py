@@ -17,6 +17,7 @@ from meshtrace.results import load
 
 COMMANDS = get_command(cli.app).commands
 STUDIES = {
+    "availability": mt.studies.availability,
     "ber": mt.link_performance,
     "compare": mt.compare,
     "coverage": mt.coverage_map,

@@ -47,6 +47,7 @@ WRITING = {
     "converge over the band": ("converge", "--omega-max", "4,6,8,9", *FEW),
     "converge of fading": (*FADING, "4,8,16,32"),
     "coverage": ("coverage", "--photons", "2000"),
+    "availability": ("availability", "--runs", "8", "-n", "4", *FEW),
     "sensitivity": ("sensitivity", "--wrt", "water.a", *FEW),
     "optimize": ("optimize", "--over", "receiver.fov_deg=6,90", "-n", "4", *FEW),
     "design": ("design", "-n", "8", *FEW),

@@ -29,7 +29,7 @@ from meshtrace.surfaces import FlatSea, resolved_sea
 FLAT = FlatSea().mesh(extent=80.0, spacing=40.0)
 
 
-def _studies(design):
+def _studies(design, availability):
     """Return results of studies over still water, as small as can be."""
     link, sea = mt.Link(), FlatSea()
     day = mt.Daylight(direct=1.0, diffuse=0.3)
@@ -49,6 +49,7 @@ def _studies(design):
             realizations=2,
         ),
         "design": design,
+        "availability": availability,
         "wavelengths": mt.simulate(
             link.replace("water", mt.Water.from_type("jerlov-II")), sea, photons=64,
             wavelengths_nm=[450.0, 500.0],
@@ -61,7 +62,7 @@ def _studies(design):
 
 
 @pytest.fixture(scope="module")
-def results(calm_design):
+def results(calm_design, calm_availability):
     """Return a small result of every kind."""
     link = mt.Link(receiver=mt.Receiver(radius=1.0))
     gain = mt.simulate(link, FLAT, estimator="analog", photons=8192, record=[mt.Arrivals()])
@@ -110,7 +111,7 @@ def results(calm_design):
         "performance": performance,
         "depth-sweep": mt.DepthSweep((0.0, 5.0), (performance, performance)),
         "convergence": study,
-        **_studies(calm_design),
+        **_studies(calm_design, calm_availability),
         "measured": measured.run(["cox-munk"]),
         "lidar": mt.lidar(
             mt.Link(

@@ -32,7 +32,7 @@ def scene():
 
 
 @pytest.fixture(scope="module")
-def sound(scene, calm_design):
+def sound(scene, calm_design, calm_availability):
     """Return sound arguments of each function, few of them optional."""
     gain = 1e-5 * (1.0 + np.random.default_rng(5).random(6))
     times = 0.5 * np.arange(6.0)
@@ -81,6 +81,7 @@ def sound(scene, calm_design):
         "plot_gain": {"result": result},
         "plot_comparison": {"result": mt.compare({"a": LINK, "b": sharp}, FLAT, **few)},
         "plot_tornado": {"s": mt.sensitivities(LINK, FLAT, ["water.a"], **few), "change": 0.1},
+        "plot_availability": {"a": calm_availability},
         "plot_optimum": {"o": mt.optimize(LINK, FLAT, {"receiver.fov_deg": (10.0, 60.0)}, "gain",
                                           realizations=1, **few)},
         "plot_design": {"d": calm_design, "light": "day"},
