@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.models import Floats
-from meshtrace.results.gain import GainResult
+from meshtrace.results.gain import PER_LAMP, GainResult
 from meshtrace.results.provenance import water_of
 from meshtrace.stored import Stacked, Stored, Variable
 
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 _MOST_LISTED = 50  # gains that a summary lists where there are too few for statistics: tuned
 _NOISE_REPORTED = 0.05  # share of the variance from which noise gets a note: tuned
 _PER_STEP = Variable("step", "receiver")
+_BY_LAMP = Variable("step", *PER_LAMP.dims)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,6 +56,10 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
         fall as it would for n independent gains.
     provenance : dict
         Versions, configuration and seeds.
+    gain_by_lamp, gain_by_lamp_stderr : ndarray, shape (n, transmitters, receivers), or None
+        Gain by lamp and receiver over the power of all lamps, and its standard error.
+    gain_by_lamp_groups : ndarray, shape (transmitters, receivers, 32), or None
+        Means of the same by independent group of samples, see `GainResult`.
     """
 
     along: Literal["time", "realization"]
@@ -64,6 +69,9 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
     gain_ballistic: Annotated[Floats, _PER_STEP]
     mean_stderr: Any
     provenance: dict[str, Any] = field(default_factory=dict)
+    gain_by_lamp: Annotated[Floats | None, _BY_LAMP] = None
+    gain_by_lamp_stderr: Annotated[Floats | None, _BY_LAMP] = None
+    gain_by_lamp_groups: Annotated[Floats | None, Variable(*PER_LAMP.dims, "group")] = None
 
     _step_name: ClassVar[str] = "along"
 
