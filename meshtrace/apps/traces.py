@@ -107,7 +107,11 @@ class ChannelTrace(Stored, kind="trace", title="meshtrace channel trace"):
             raise Refused("direction", direction, allowed)
         gain, stderr, ballistic, error = (getattr(self, f"{prefix}{name}") for name in _COLUMNS)
         origin = self.provenance[direction]
-        return GainSeries("time", self.time, gain, stderr, ballistic, error, origin)
+        series = GainSeries("time", self.time, gain, stderr, ballistic, error, origin)
+        if prefix or self.gain_by_lamp is None:
+            return series
+        pairs = {name: getattr(self, name) for name in ("gain_by_lamp", "gain_by_lamp_stderr")}
+        return replace(series, **pairs)
 
     @property
     def correlation(self) -> float:

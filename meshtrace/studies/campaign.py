@@ -208,7 +208,7 @@ class Campaign(NamedTuple):
         speed = getattr(getattr(owner, "spectrum", owner), "wind_speed", None)
         if speed is None:
             raise Refused("flight.wind", None, "a wind, over a sea without wind speed")
-        return Dryden(wind_speed=speed, height=self.link.air_end[1].height)
+        return Dryden(wind_speed=speed, height=with_first(self.link).air_end[1].height)
 
     def flight(self, flight: Flight | None) -> Flight | None:
         """Return the aircraft of a study, by default the one in its scenario, checked."""
@@ -391,6 +391,11 @@ class Campaign(NamedTuple):
         for i, numbers in enumerate(self.each(steps, probed)):
             gains[:, :, i] = numbers
         return gains
+
+
+def with_first(link: Link) -> Link:
+    """Return a link with the first of its receivers alone."""
+    return link if len(link.receivers) == 1 else link.replace("receiver", link.receivers[0])
 
 
 def finished(
