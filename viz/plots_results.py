@@ -148,8 +148,9 @@ def plot_correlation(series: GainSeries, *, ax: Axes | None = None) -> Axes:
     if not pairs or not np.isfinite(series.correlation).all():
         raise Refused("series", Described("one channel, or no fading"), "two channels that fade")
     names = [
-        f"{pair.first}\n{pair.second}" + f", {pair.distance:g} m" * np.isfinite(pair.distance)
+        f"{pair.first}\n{pair.second}" + ("" if apart != apart else f", {apart:g} m")
         for pair in pairs
+        for apart in [pair.distance]  # nan of pairs with lamps
     ]
     columns = {"gain_correlation": [pair.correlation for pair in pairs]}
     columns["gain_correlation_stderr"] = [pair.stderr for pair in pairs]

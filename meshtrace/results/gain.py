@@ -336,6 +336,9 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
                 if self.gain_reflected is not None:
                     text += f", of which reflected first {100.0 * reflected / gain:.2g} %"
                 lines.append(_line("", text))
+            if self.gain_by_lamp is not None and self.gain_by_lamp_stderr is not None:
+                pairs = zip(self.gain_by_lamp[:, i], self.gain_by_lamp_stderr[:, i], strict=True)
+                lines.append(_line("by lamp", ", ".join(f"{g:.4e} +- {s:.1e}" for g, s in pairs)))
             if self.scattered:
                 estimator, samples, scored, effective = self.scattered[i]
                 text = f"{samples:,} {estimator}, {scored:,} of them with a contribution"
