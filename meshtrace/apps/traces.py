@@ -312,7 +312,7 @@ def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
     ]
     origin = {name: campaign.provenance(link) for name, link in campaign.links.items()}
     names = ("gain_by_lamp", "gain_by_lamp_stderr") if campaign.per_lamp else ()
-    by_lamp = {
+    by_lamp: Any = {
         name: at_times[:, k, 0, ends:].reshape(n, -1, ends) for k, name in enumerate(names)
     }
     return replace(ChannelTrace(steps.labels, *columns), **by_lamp, provenance=origin)

@@ -77,8 +77,10 @@ _GAINS = ("gain", "gain_stderr", "gain_db", "gain_bound", "gain_ballistic", "gai
 
 def _plain(result: "mt.GainResult", wall_time: float) -> dict[str, Any]:
     """Return a result as plain data for JSON, with null for non-finite values."""
-    pairs = {} if result.gain_by_lamp is None else {"gain_by_lamp": result.gain_by_lamp.tolist()}
-    return {name: console.finite(getattr(result, name)) for name in _GAINS} | pairs | {
+    gains = {name: console.finite(getattr(result, name)) for name in _GAINS}
+    if result.gain_by_lamp is not None:
+        gains["gain_by_lamp"] = result.gain_by_lamp.tolist()
+    return gains | {
         "photons": result.photons,
         "photons_per_second": result.photons / wall_time,
         "wall_time": wall_time,

@@ -165,7 +165,7 @@ def equivalent_gain(
     --------
     >>> one = OokLink(bit_rate=1e6)
     >>> print(f"{float(equivalent_gain([one, one], [2e-8, 2e-8], 1e-3)):.1e}")
-    3.3e-08
+    3.8e-08
     """
     from meshtrace.comms.budget import required_gain
 
@@ -227,9 +227,9 @@ def intensity_capacity(
     .. math:: \tfrac12 \log_2\left(1 + \frac{A^2 e^{2 h(\alpha)}}{2 \pi e}\right) \le C \le
         \tfrac12 \log_2(1 + v(\alpha) A^2),
 
-    For alpha < 1/2, v = alpha (1 - alpha), and h = alpha mu + ln((1 - exp(-mu)) / mu) is the entropy
-    of the law exp(-mu x) on [0, 1] whose mean is alpha, 1 / mu - 1 / (exp(mu) - 1) = alpha. From
-    1/2 on v = 1/4 and h = 0, that of a uniform law.
+    For alpha < 1/2, v = alpha (1 - alpha), and h = alpha mu + ln((1 - exp(-mu)) / mu) is the
+    entropy of the law exp(-mu x) on [0, 1] whose mean is alpha, 1 / mu - 1 / (exp(mu) - 1) = alpha.
+    From 1/2 on v = 1/4 and h = 0, that of a uniform law.
 
     Of a matrix of any rank the lower bound is the larger one of two: lamps that repeat each other,
     and, of full column rank, independent lamps by the entropy power inequality for vectors

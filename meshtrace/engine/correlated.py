@@ -107,9 +107,7 @@ class SpectralDetection:
             aimed = detection.planner.aim_over(mesh) if ends else None
             at_paths = detection.at_wavelengths(mesh, aimed, record, per_lamp)
             if ends:
-                low, high = (
-                    end.at_wavelengths(mesh, aimed, per_lamp=per_lamp) for end in ends
-                )
+                low, high = (end.at_wavelengths(mesh, aimed, per_lamp=per_lamp) for end in ends)
                 # place of each index in the range: from -1/2 to 1/2 about the middle
                 shares = (paths.shares - 0.5).tolist()
                 at_paths = list(map(_moved, at_paths, low, high, shares))
@@ -132,9 +130,8 @@ def _moved(gains: Gains, low: Gains, high: Gains, share: float) -> Gains:
     # group by group: both have the same paths, whose noise cancels in the difference
     groups = gains.groups + share * (high.groups - low.groups)
     moved = replace(gains, groups=groups, all_orders=orders + share * (last - first))
-    pairs = gains.by_lamp, low.by_lamp, high.by_lamp
-    if all(pair is not None for pair in pairs):
-        moved = replace(moved, by_lamp=_moved(*pairs, share))
+    if gains.by_lamp is not None and low.by_lamp is not None and high.by_lamp is not None:
+        moved = replace(moved, by_lamp=_moved(gains.by_lamp, low.by_lamp, high.by_lamp, share))
     return replace(moved, table=[table.with_gains(moved.gain) for table in gains.table])
 
 

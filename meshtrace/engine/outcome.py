@@ -92,7 +92,7 @@ def analog_result(
         arrivals = table_of(hits, hits["weight"] / n, 1.0, link)
     grid = records.get("irradiance-map")
     gain = per_receiver(link, mean[:n_rx])
-    pairs: dict[str, Floats] = {}
+    pairs: dict[str, Any] = {}
     if seed is not None:
         pairs = by_lamp_of(groups_by_lamp(sums, seed, link))
     return GainResult(

@@ -35,9 +35,9 @@ def gain_correlation(
 ) -> Floats:
     r"""Compute the correlation of the unscattered gains of two receivers, or of two lamps.
 
-    .. math:: \rho(D) = \frac{C(\delta)}{C(0)}, \quad
-        C(\delta) = \int d^2R \sum_m w_m
-        [N(R - \delta; 0, \beta^2 D_{ij}(R) + v_m a^2) - N(R - \delta; 0, 2 \beta^2 C_{ij}(0) + v_m a^2)]
+    .. math:: \rho(D) = \frac{C(\delta)}{C(0)}, \quad C(\delta) = \int d^2R \sum_m w_m
+        [N(R - \delta; 0, \beta^2 D_{ij}(R) + v_m a^2)
+        - N(R - \delta; 0, 2 \beta^2 C_{ij}(0) + v_m a^2)]
 
     Parameters
     ----------
@@ -78,8 +78,8 @@ def gain_correlation(
     Examples
     --------
     >>> import meshtrace as mt
-    >>> from meshtrace.surfaces import resolved_sea
-    >>> gain_correlation(mt.Link(), resolved_sea(5.0), [0.0, 0.1, 0.4]).round(2)
+    >>> from meshtrace.surfaces import sea_in_wind
+    >>> gain_correlation(mt.Link(), sea_in_wind(5.0), [0.0, 0.1, 0.4]).round(2)
     array([1.  , 0.87, 0.08])
     """
     allowed = "finite distances >= 0 [m]"
@@ -103,7 +103,7 @@ def gain_correlation(
 def _covariances(
     lever: Lever, spectrum: Any, missing: tuple[float, float], places: Floats, heights: bool
 ) -> Floats:
-    """Return the covariances of the gains of ends whose light crosses apart, over their mean squared.
+    """Return the covariances of gains whose light crosses apart, over their squared mean.
 
     `places` (n, 2) are the distances of the crossings of still water along and across the wind.
     """

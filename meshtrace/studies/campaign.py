@@ -488,10 +488,11 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
 
         # shape (2, links, columns, shifts): gains and their unscattered parts
         def over_mesh(mesh: TriangleMesh) -> Floats:
-            each = (chains.at_wavelengths(mesh, per_lamp=campaign.per_lamp) for chains in detections)
-            parts = [part.with_lamps for gains in each for part in gains]
-            whole = [np.concatenate([rows.shifts for rows in part]) for part in parts]
-            return np.array([whole, [np.concatenate([r.direct for r in part]) for part in parts]])
+            by_chains = (c.at_wavelengths(mesh, per_lamp=campaign.per_lamp) for c in detections)
+            parts = [part.with_lamps for gains in by_chains for part in gains]
+            shifts = [np.concatenate([part.shifts for part in parts_of]) for parts_of in parts]
+            direct = [np.concatenate([part.direct for part in parts_of]) for parts_of in parts]
+            return np.array([shifts, direct])
 
         return over_mesh
 
@@ -499,8 +500,8 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
         over_mesh = gains(links)
         return lambda i: over_mesh(mesh(i))
     # ends that only tilt share one mesh and, where chains serve neighbours, one set of chains
-    shared_mesh = widest and not campaign.spectral
-    if not shared_mesh or campaign.per_lamp or not all(
+    shared_mesh = widest and not campaign.spectral and not campaign.per_lamp
+    if not shared_mesh or not all(
         isinstance(chains, ForcedDetection) and chains.serves_neighbours
         for chains in campaign.detections(links, typical)
     ):

@@ -16,7 +16,7 @@ from meshtrace.comms.capacity import Capacity, capacity
 from meshtrace.comms.combining import Combining, combined_ber, equivalent_gain
 from meshtrace.comms.devices import OpticalFrontEnd, photon_energy
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused
 from meshtrace.fading import Estimate, effective_samples
 from meshtrace.fading.distribution import wilson_interval
 from meshtrace.link import Link
@@ -68,7 +68,8 @@ class FadingSamples:
         links = self.array.links(ook, expose)
         gain = equivalent_gain(links, gains, limit, self.array.combining)
         # the errors of the receivers have the same chains: they add
-        error = float(np.sum(self.series.mean_stderr) / max(float(gains.mean(axis=0).sum()), 1e-300))
+        mean = max(float(gains.mean(axis=0).sum()), 1e-300)
+        error = float(np.sum(self.series.mean_stderr)) / mean
         series = replace(
             self.series, gain=gain, gain_stderr=error * gain, gain_ballistic=gain,
             mean_stderr=error * float(gain.mean()),

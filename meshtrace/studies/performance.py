@@ -605,9 +605,7 @@ def _over_depths(
     fades = {depth: ensemble.samples(link) for depth, link in links.items()}
     backgrounds = _backgrounds(ensemble, links, day)
     # the response of the channel does not depend on the bit rate
-    means = {
-        depth: ensemble.response(ooks[0], with_first(link)) for depth, link in links.items()
-    }
+    means = {depth: ensemble.response(ooks[0], with_first(link)) for depth, link in links.items()}
     points = [
         operating_point(
             ook, depth, samples, limit, confidence, seed, backgrounds[depth], means[depth]

@@ -121,9 +121,7 @@ def test_series_ensembles_and_traces(tmp_path):
     assert "lamp 0, receiver 0 and lamp 1, receiver 1" in restored.summary()
     seas = mt.ensemble(ends, 3, SEA, per_lamp=True, **run)
     np.testing.assert_allclose(seas.gain_by_lamp.sum(axis=1), seas.gain, rtol=1e-13)
-    trace = mt.channel_trace(
-        ends, SEA, hours=3.0 / 50.0 / 3600.0, down=None, per_lamp=True, **run
-    )
+    trace = mt.channel_trace(ends, SEA, hours=3.0 / 50.0 / 3600.0, down=None, per_lamp=True, **run)
     np.testing.assert_allclose(trace.gain_by_lamp.sum(axis=1), trace.gain, rtol=1e-13)
     assert trace.series().correlation.shape == (4, 4)
 

@@ -29,7 +29,9 @@ def test_at_one_place():
     parts = slopes_seen(CLEAR, sea, sea.band.omega_max)
     for heights in (False, True):
         here = _covariances(*parts, np.zeros((1, 2)), heights)
-        assert here == pytest.approx(gain_autocovariance(CLEAR, SEA, [0.0], heights=heights), rel=2e-4)
+        assert here == pytest.approx(
+            gain_autocovariance(CLEAR, SEA, [0.0], heights=heights), rel=2e-4
+        )
 
 
 def test_directions_and_ends():
@@ -125,7 +127,9 @@ def test_receivers_over_seas():
     link = CLEAR.replace("receiver", [mt.Receiver(position=place) for place in places])
     series = mt.ensemble(link, 300, SEA, photons=32)
     gains = np.log(series.gain)
-    expected = np.ravel([gain_correlation(CLEAR, SEA, [d], az) for d in (0.2, 0.4) for az in (0, 90)])
+    expected = np.ravel(
+        [gain_correlation(CLEAR, SEA, [d], az) for d in (0.2, 0.4) for az in (0, 90)]
+    )
     found = series.correlation[0, 1:]
     # the scatter of Pearson's coefficient of skewed gains: by resampling of the seas
     rng = np.random.default_rng(1)

@@ -14,7 +14,6 @@ from meshtrace.errors import Refused
 from meshtrace.fading import gain_correlation
 from meshtrace.fading.laws import probability_in_log
 from meshtrace.link import Link
-from meshtrace.models import Floats
 from meshtrace.studies.neighbours import DECIBELS
 
 _SPAN = np.geomspace(1.0, 64.0, 25)  # distances over the diameter of the lens
@@ -40,7 +39,7 @@ def two_lenses(link: Link, surface: object, spread: float, outage: float) -> tup
     """
     gain = diversity_gain(spread, outage)
     distances = 2.0 * link.receivers[0].radius * _SPAN
-    wind, found = getattr(surface, "wind_direction_deg", 0.0), list[TwoLenses]()
+    wind, table = getattr(surface, "wind_direction_deg", 0.0), list[TwoLenses]()
     most = gain(0.0)
     for name, azimuth in _AZIMUTHS.items():
         try:
@@ -56,9 +55,9 @@ def two_lenses(link: Link, surface: object, spread: float, outage: float) -> tup
             apart = math.exp(np.interp(_MOST * most, gains[pair], np.log(distances[pair])))
         elif len(enough):
             apart = float(distances[0])
-        columns = (x[_SHOWN].tolist() for x in (distances, rho, gains))
-        found += [TwoLenses(name, *row, apart) for row in zip(*columns, strict=True)]
-    return tuple(found)
+        shown = zip(*(x[_SHOWN].tolist() for x in (distances, rho, gains)), strict=True)
+        table += [TwoLenses(name, d, r, g, apart) for d, r, g in shown]
+    return tuple(table)
 
 
 def diversity_gain(spread: float, outage: float) -> Callable[[float], float]:
@@ -78,7 +77,7 @@ def diversity_gain(spread: float, outage: float) -> Callable[[float], float]:
     weight /= weight.sum()
     mean = float(weight @ gains)
     variance = float(weight @ gains**2) - mean**2
-    one = math.exp(np.interp(ndtri(outage), _Z, logs))
+    single = math.exp(np.interp(ndtri(outage), _Z, logs))
 
     def correlation(r: float) -> float:
         other = np.interp(r * _Z[:, None] + math.sqrt(1.0 - r * r) * _Z, _Z, gains)
@@ -95,7 +94,7 @@ def diversity_gain(spread: float, outage: float) -> Callable[[float], float]:
             other = np.interp(rest, logs, _Z, left=-np.inf)
             return float(weight @ ndtr((other - r * _Z) / math.sqrt(1.0 - r * r))) - outage
 
-        start = math.log(one)
+        start = math.log(single)
         two = brentq(excess, start - 1e-3, start + 6.0 * spread + 1.0, xtol=1e-8)
         return DECIBELS * (two - start)
 

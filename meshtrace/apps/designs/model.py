@@ -264,8 +264,8 @@ class LinkModel:
     def two_lenses(self) -> tuple[TwoLenses, ...]:
         """Return what a second lens would gain by diversity, against its distance."""
         gains = self.fades.series.gain
-        lit = gains[gains > 0.0]
-        spread = float(np.log(lit).std(ddof=1)) if lit.size > 1 else 0.0
+        logs = np.log(gains[gains > 0.0])
+        spread = float(logs.std(ddof=1)) if logs.size > 1 else 0.0
         # without fading there is nothing to gain
         if spread < 1e-3:
             return ()
@@ -517,9 +517,10 @@ class LinkModel:
         name, error = f"fading at an outage of {100.0 * self.outage:g} %", self.quantile_stderr
         lines.append(_same(name, fade, DECIBELS * error))
         if self.array is not None:
-            gains = [DECIBELS * self.array_gain(period) for period in PERIODS]
-            lines.append(Line(f"{len(self.array.optics)} receivers together", "dB", *gains))
-            night, day = night + gains[0], day + gains[1]
+            by_night, by_day = (DECIBELS * self.array_gain(period) for period in PERIODS)
+            name = f"{len(self.array.optics)} receivers together"
+            lines.append(Line(name, "dB", by_night, by_day))
+            night, day = night + by_night, day + by_day
         lines.append(Line("reserve", "dB", night + fade, day + fade, total=True))
         return tuple(lines)
 

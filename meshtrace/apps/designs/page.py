@@ -370,9 +370,9 @@ class Design(Stored, kind="design", title="meshtrace design"):
 
     def _lenses_lines(self) -> list[str]:
         """Return what a second lens gains along and across the wind, by the distance."""
-        by_direction = {row.direction: [] for row in self.two_lenses}  # type: ignore[var-annotated]
-        for row in self.two_lenses:
-            by_direction[row.direction].append(row)
+        by_direction: dict[str, list[TwoLenses]] = {}
+        for lens in self.two_lenses:
+            by_direction.setdefault(lens.direction, []).append(lens)
         heads = ["apart [m]"]
         for direction in by_direction:
             heads += [f"correlation {direction}", "gained"]
@@ -385,7 +385,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
             f"{rows[0].enough:.2g} m {direction}" for direction, rows in by_direction.items()
         )
         return [
-            f"gained at an outage of {100.0 * self.outage:g} %, beside the light of the second lens;",
+            f"gained at an outage of {100.0 * self.outage:g} %, beside the light of a second lens",
             f"90 % of what independent lenses gain: {apart}", "", text_table(lines, heads),
         ]  # fmt: skip
 
