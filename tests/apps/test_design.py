@@ -278,7 +278,7 @@ def test_the_greatest_bit_rate_is_found_where_lower_ones_do_not_close(closing, g
         at_rate=lambda period, rate, window: SimpleNamespace(
             rate=rate, required_power=lambda limit: 0.0
         ),
-        margin_db=lambda gain, ook, power: 1.0 if ook.rate <= edge else -1.0,
+        margin_db=lambda period, gain, ook, power: 1.0 if ook.rate <= edge else -1.0,
     )
     found = study._Study._bit_rate(fake, "night", [study.Scan(choice, rates, reserves)])
     if greatest is None:

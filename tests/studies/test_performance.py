@@ -62,6 +62,7 @@ def test_combined_receivers_are_brute_force(combining):
     links = [OokLink.of_link(link, ook, receiver=j) for j in range(2)]
     z = np.random.default_rng(3).standard_normal((20, 2)) @ [[1.0, 0.5], [0.0, 0.8]]
     gains = required_gain(ook, 1e-3) * np.exp(0.4 * z - 0.6)
+    gains[:, 1] *= 0.03**2 / 0.05**2  # of the smaller lens
     tilt = TiltFactors(np.array([0.0, 0.8, 1.0]), np.array([0.1, 0.4, 0.5]))
     series = GainSeries("realization", np.arange(20), gains, 0.0 * gains, gains, np.zeros(2))
     samples = FadingSamples(series, tilt, 20.0, array_of(link, ook, combining, None))
@@ -520,7 +521,11 @@ def test_the_response_is_that_of_the_chains():
         ({"depths": (-5.0, 5.0)}, "depth"),
         ({"surface": FlatSea(), "flight": mt.Flight()}, "flight.wind"),
         ({"sea": FlatSea()}, "sea: .*no such key"),
-        ({"link": mt.Link(receiver=(mt.Receiver(), mt.Receiver()))}, "receiver"),
+        ({"combining": "sum"}, "combining"),
+        (
+            {"link": mt.Link(receiver=[mt.Receiver()] * 2), "flight": mt.Flight(coupled=True)},
+            "receiver",
+        ),
         ({"link": mt.Link(transmitter=(mt.Led(), mt.Led())), "depths": (9.0,)}, "transmitter"),
         (
             {"link": at_depth(9.0, tilt_deg=5.0), "flight": mt.Flight(coupled=True)},
