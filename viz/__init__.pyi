@@ -23,6 +23,7 @@ from .plots_curves import plot_water as plot_water
 from .plots_curves import plot_wavelengths as plot_wavelengths
 from .plots_results import plot_autocorrelation as plot_autocorrelation
 from .plots_results import plot_background as plot_background
+from .plots_results import plot_correlation as plot_correlation
 from .plots_results import plot_coverage as plot_coverage
 from .plots_results import plot_eye as plot_eye
 from .plots_results import plot_fates as plot_fates

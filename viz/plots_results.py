@@ -135,10 +135,59 @@ def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None)
     return ax
 
 
+def plot_correlation(series: GainSeries, *, ax: Axes | None = None) -> Axes:
+    """Plot the correlation of the fading of each two receivers, or pairs of lamp and receiver.
+
+    Parameters
+    ----------
+    series : GainSeries
+        Of several receivers, or of several lamps with gains by lamp.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+        Bars with whiskers of two standard errors.
+
+    Raises
+    ------
+    Refused
+        If the series has a single channel, or no fading.
+    """
+    pairs = series.correlated_pairs()
+    if not pairs or not np.isfinite(series.correlation).all():
+        raise Refused("series", Described("one channel, or no fading"), "two channels that fade")
+    names = [
+        f"{pair.first}\n{pair.second}" + ("" if apart != apart else f", {apart:g} m")
+        for pair in pairs
+        for apart in [pair.distance]  # nan of pairs with lamps
+    ]
+    columns = {"gain_correlation": [pair.correlation for pair in pairs]}
+    columns["gain_correlation_stderr"] = [pair.stderr for pair in pairs]
+    ax = marks.bars(ax, marks.dataset(columns, pair=names), "gain_correlation", across=True)
+    ax.axvline(0.0, color=INK, lw=0.8)
+    return ax
+
+
 def plot_series(series: GainSeries, *, ax: Axes | None = None) -> Axes:
-    """Plot a series over time, or the density of the gains of an ensemble with one receiver."""
-    if series.along == "time" or series.gain.ndim > 1:
-        return plot_gain_series(series, ax=ax)
+    """Plot a series over time, or the density of the gains of an ensemble.
+
+    Of an ensemble of several receivers, or by lamp, the correlation of their fading; a series in
+    time of two channels has theirs as its title.
+    """
+    pairs = series.correlated_pairs()
+    if series.along == "time":
+        ax = plot_gain_series(series, ax=ax)
+        if len(pairs) == 1 and np.isfinite(pairs[0].correlation):
+            text = f"correlation {pairs[0].correlation:.2f} ± {pairs[0].stderr:.2f}"
+            ax.set_title(text, loc="left", fontsize=8)
+        return ax
+    if pairs:
+        try:
+            return plot_correlation(series, ax=ax)
+        except Refused:  # of a single surface, or one that makes no light fade
+            return plot_gain_series(series, ax=ax)
     try:
         return plot_gain_pdf(series, ax=ax)
     except Refused:  # too few seas for a law, or seas without light

@@ -34,6 +34,7 @@ _RAYS = 512  # of the background at each of its times
 _COLUMNS = "gain", "gain_stderr", "gain_ballistic", "gain_mean_stderr"
 _MOST_FRAMES = 10**8
 _EACH = Variable("time", "receiver")
+_BY_LAMP = Variable("time", "transmitter", "receiver")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,6 +61,8 @@ class ChannelTrace(Stored, kind="trace", title="meshtrace channel trace"):
         Times of the background [s]; None without daylight.
     background_radiance, background_radiance_stderr : ndarray, shape (m,), optional
         Background of the receiver of the first link [W m-2 sr-1 nm-1], and its standard error.
+    gain_by_lamp, gain_by_lamp_stderr : ndarray, shape (n, transmitters, receivers), or None
+        Gain by lamp and receiver over the power of all lamps, and its standard error.
     provenance : dict
         Configuration of each direction by "up" and "down", aircraft, route and daylight.
     """
@@ -79,6 +82,8 @@ class ChannelTrace(Stored, kind="trace", title="meshtrace channel trace"):
     background_time: Annotated[Floats | None, Variable("background_time")] = None
     background_radiance: Annotated[Floats | None, Variable("background_time")] = None
     background_radiance_stderr: Annotated[Floats | None, Variable("background_time")] = None
+    gain_by_lamp: Annotated[Floats | None, _BY_LAMP] = None
+    gain_by_lamp_stderr: Annotated[Floats | None, _BY_LAMP] = None
     provenance: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -102,7 +107,11 @@ class ChannelTrace(Stored, kind="trace", title="meshtrace channel trace"):
             raise Refused("direction", direction, allowed)
         gain, stderr, ballistic, error = (getattr(self, f"{prefix}{name}") for name in _COLUMNS)
         origin = self.provenance[direction]
-        return GainSeries("time", self.time, gain, stderr, ballistic, error, origin)
+        series = GainSeries("time", self.time, gain, stderr, ballistic, error, origin)
+        if prefix or self.gain_by_lamp is None:
+            return series
+        pairs = {name: getattr(self, name) for name in ("gain_by_lamp", "gain_by_lamp_stderr")}
+        return replace(series, **pairs)
 
     @property
     def correlation(self) -> float:
@@ -156,6 +165,7 @@ def channel_trace(
     route: Route | None = None,
     daylight: Daylight | None = None,
     background_rate: float = 1.0,
+    per_lamp: bool = False,
     **run: Unpack[StudyOptions],
 ) -> ChannelTrace:
     """Compute the channel of a link over time: gains of both directions, background, attitude.
@@ -181,6 +191,8 @@ def channel_trace(
         Light above the sea; by default that of the scenario.
     background_rate : float
         Times per second [s-1] at which the background is computed, > 0, at most `rate`.
+    per_lamp : bool
+        Whether the trace also has the gains of the first link by lamp, from the same chains.
     **run
         Options of the run, see `StudyOptions`; 1024 chains by default. A stopped run resumes
         from its `store`, which keeps 50 frames at once.
@@ -216,7 +228,9 @@ def channel_trace(
     frames = _frames_in(hours, rate)
     if frames > _MOST_FRAMES:
         raise Refused("hours", hours, f"at most {_MOST_FRAMES:,} frames")
-    campaign = _campaign(link, surface, down, run)
+    campaign = _campaign(link, surface, down, run)._replace(per_lamp=per_lamp)
+    if per_lamp and len({len(one_way.transmitters) for one_way in campaign.links.values()}) > 1:
+        raise Refused("per_lamp", True, "with as many lamps in the downlink")
     if campaign.meshing.time != 0.0:
         raise Refused("sea.time", campaign.meshing.time, "0: a trace begins there")
     flight = campaign.flight(flight)
@@ -272,7 +286,7 @@ def _campaign(
 
 def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
     """Return the gains of a campaign, computed in pieces of many frames."""
-    n, links, receivers = len(steps.labels), len(campaign.links), len(campaign.link.receivers)
+    n, links, receivers = len(steps.labels), len(campaign.links), campaign.columns
     pieces = range(0, n, _PIECE)
     setup = partial(_gains_of_piece, campaign.alone, steps)
     identity = {"steps": steps.identity(), "piece": _PIECE}
@@ -289,14 +303,19 @@ def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
         samples += np.moveaxis(of_link[:SHIFTS], 0, -1)
     at_times, mean_error = np.concatenate(frames), error_of_groups(samples / n, axis=-1)
     # a result of a single receiver has no axis of receivers
-    axis = slice(None) if isinstance(campaign.link.receiver, tuple) else 0
+    ends = len(campaign.link.receivers)
+    axis = slice(ends) if isinstance(campaign.link.receiver, tuple) else 0
     columns: list[Any] = [
         values[..., axis][()]
         for k in range(links)
         for values in (*at_times[:, :, k].swapaxes(0, 1), mean_error[k])
     ]
     origin = {name: campaign.provenance(link) for name, link in campaign.links.items()}
-    return replace(ChannelTrace(steps.labels, *columns), provenance=origin)
+    names = ("gain_by_lamp", "gain_by_lamp_stderr") if campaign.per_lamp else ()
+    by_lamp: Any = {
+        name: at_times[:, k, 0, ends:].reshape(n, -1, ends) for k, name in enumerate(names)
+    }
+    return replace(ChannelTrace(steps.labels, *columns), **by_lamp, provenance=origin)
 
 
 def _gains_of_piece(campaign: Campaign, steps: Steps) -> Callable[[int], Floats]:

@@ -108,6 +108,9 @@ LinkFile = Annotated[Path | None, typer.Argument(metavar="[LINK.TOML]", help=_LI
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="Write the result as netCDF.")]
 Json = Annotated[bool, flag("--json", "Print the result as JSON, without progress bar.")]
 Set = Annotated[list[str] | None, value("KEY=VALUE", _SET, "--set")]
+PerLamp = Annotated[bool, flag("--per-lamp", "Add the gains by lamp, from the same samples.")]
+Combining = Annotated[Any, value("WORD",
+    "Combining of several receivers: selection, equal or maximal.")]  # fmt: skip
 Trust = Annotated[bool, flag("--trust", _TRUST)]
 Chains = Annotated[int, count("Chains, common to all surfaces.", "--photons")]
 Bounds = Annotated[list[Any] | None, value("KEY=LOW,HIGH", _BOUNDS, "--over", parser=parse_bounds)]

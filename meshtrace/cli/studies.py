@@ -38,13 +38,14 @@ def ensemble(
     wavelengths_nm: opt.Wavelengths = None,
     realizations: Annotated[int, seas("Realizations, each with its own random phases.")] = 200,
     photons: opt.Chains = 2048,
+    per_lamp: opt.PerLamp = False,
 ) -> None:
     """Compute the channel gain over random seas and print its distribution and fading."""
     # `mt.ensemble` accepts one sea, but there is no distribution of one gain to print
     if realizations < 2:
         raise Refused("realizations", realizations, ">= 2")
     study = partial(mt.ensemble, realizations=realizations, photons=photons,
-                    wavelengths_nm=wavelengths_nm)  # fmt: skip
+                    wavelengths_nm=wavelengths_nm, per_lamp=per_lamp)  # fmt: skip
     options.run(study, progress(realizations))
 
 
@@ -54,9 +55,11 @@ def series(
     wavelengths_nm: opt.Wavelengths = None,
     times: Annotated[Any, numbers("Times [s]; evenly spaced with a flight")] = "0:10:0.05",
     photons: opt.Chains = 2048,
+    per_lamp: opt.PerLamp = False,
 ) -> None:
     """Compute the channel gain over a moving sea and print its fading statistics."""
-    study = partial(mt.time_series, times=times, photons=photons, wavelengths_nm=wavelengths_nm)
+    study = partial(mt.time_series, times=times, photons=photons, wavelengths_nm=wavelengths_nm,
+                    per_lamp=per_lamp)  # fmt: skip
     options.run(study, progress(len(times)))
 
 
@@ -192,6 +195,7 @@ def design(
     bounds: opt.Bounds = None,
     realizations: Annotated[int, seas("Seas of the figures; links run alone have 16.")] = 64,
     photons: opt.Chains = 512,
+    combining: opt.Combining = "maximal",
 ) -> None:  # fmt: skip
     """Answer the questions of a system designer about a link on one page.
 
@@ -200,7 +204,7 @@ def design(
     the budget line by line. Best values have bounds, which --over replaces.
     """
     study = partial(mt.design, outage=outage, limit=limit, over=dict(bounds or ()) or None,
-                    realizations=realizations, photons=photons)  # fmt: skip
+                    realizations=realizations, photons=photons, combining=combining)  # fmt: skip
     options.run(study, progress(realizations))
 
 
@@ -338,6 +342,7 @@ def traces(
     photons: opt.Chains = 1024,
     down: Annotated[str | None, value("FILE",
         "Link file of the downlink, or none; default: lamp and receiver at both ends.")] = None,
+    per_lamp: opt.PerLamp = False,
 ) -> None:  # fmt: skip
     """Compute the channel of a link over time: gains of both directions, background, attitude.
 
@@ -351,7 +356,8 @@ def traces(
     if down is not None and down != "none":
         downlink = options.scenario(Path(down)).link
     study = partial(mt.channel_trace, down=downlink, hours=hours, rate=rate,
-                    background_rate=background_rate, photons=photons)  # fmt: skip
+                    background_rate=background_rate, photons=photons,
+                    per_lamp=per_lamp)  # fmt: skip
     pieces = None
     # numbers without pieces, such as nan, are left to the study, whose refusal names the option
     with suppress(ValueError, OverflowError):
@@ -378,6 +384,7 @@ def ber(
     sun_zenith: Annotated[float | None, value("DEG", "Zenith angle of sun or moon.")] = None,
     sun_elevation: Annotated[float | None, value("DEG", "90 minus the zenith angle.")] = None,
     filter_nm: Annotated[float | None, value("NM", "Width of the optical filter.")] = None,
+    combining: opt.Combining = "maximal",
     json_: opt.Json = False,
 ) -> None:  # fmt: skip
     """Print bit error rate, outage, margin, capacity and range of a link."""
@@ -402,7 +409,7 @@ def ber(
         steps = (realizations if repeated else 1) * len(depths or [0])
         study = partial(mt.link_performance, flight=flight, bit_rate=bit_rate, depths=depths,
                         limit=limit, confidence=confidence, realizations=realizations,
-                        photons=photons)  # fmt: skip
+                        photons=photons, combining=combining)  # fmt: skip
         performance = options.compute(study, scenario, progress(steps, quiet=json_))
         by_wind.append((scenario.wind_speed, performance))
     if json_:

@@ -28,6 +28,7 @@ def run(
     rtol: Annotated[str | None, value("R", "Relative standard error to reach, e.g. 0.01.")] = None,
     estimator: Annotated[str | None, value("NAME", "forced or analog.")] = None,
     wavelengths: Annotated[Any, numbers("Wavelengths [nm] with common paths")] = None,
+    per_lamp: opt.PerLamp = False,
     output: opt.Output = None,
     json_: opt.Json = False,
     verbose: Annotated[bool, typer.Option(
@@ -38,7 +39,7 @@ def run(
     settings = {"run.photons": photons, "run.rtol": rtol, "run.estimator": estimator}
     scenario = changes.scenario(link, settings)
     console.check_output(output, link)
-    result, wall_time = _simulate(scenario, json_, wavelengths)
+    result, wall_time = _simulate(scenario, json_, wavelengths, per_lamp)
     if json_:
         plain = partial(_plain, wall_time=wall_time)
         data = {f"{nm:g}": plain(gain) for nm, gain in result} if wavelengths else plain(result)
@@ -48,7 +49,9 @@ def run(
     console.save(result, output, quiet=json_)
 
 
-def _simulate(scenario: "mt.Scenario", quiet: bool, wavelengths: Any) -> tuple[Any, float]:
+def _simulate(
+    scenario: "mt.Scenario", quiet: bool, wavelengths: Any, per_lamp: bool
+) -> tuple[Any, float]:
     """Return the result of a scenario and its wall time [s], which excludes compilation."""
     photons = scenario.run.photons if scenario.run.rtol is None else None
     # kernels "": the status on compilation is set below, after the link has been checked
@@ -63,7 +66,7 @@ def _simulate(scenario: "mt.Scenario", quiet: bool, wavelengths: Any) -> tuple[A
                 short = scenario.run.model_copy(update=few)
                 scenario.model_copy(update={"run": short}).simulate()
         start = time.perf_counter()
-        result = scenario.simulate(advance, wavelengths)
+        result = scenario.simulate(advance, wavelengths, per_lamp)
         return result, time.perf_counter() - start
 
 
@@ -74,7 +77,10 @@ _GAINS = ("gain", "gain_stderr", "gain_db", "gain_bound", "gain_ballistic", "gai
 
 def _plain(result: "mt.GainResult", wall_time: float) -> dict[str, Any]:
     """Return a result as plain data for JSON, with null for non-finite values."""
-    return {name: console.finite(getattr(result, name)) for name in _GAINS} | {
+    gains = {name: console.finite(getattr(result, name)) for name in _GAINS}
+    if result.gain_by_lamp is not None:
+        gains["gain_by_lamp"] = result.gain_by_lamp.tolist()
+    return gains | {
         "photons": result.photons,
         "photons_per_second": result.photons / wall_time,
         "wall_time": wall_time,

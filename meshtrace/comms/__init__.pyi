@@ -1,5 +1,6 @@
 from . import budget as budget
 from . import capacity as capacity
+from . import combining as combining
 from . import decisions as decisions
 from . import devices as devices
 from . import interleaving as interleaving

@@ -23,7 +23,7 @@ from meshtrace.comms.pulses import Eye, PulseFilters
 from meshtrace.comms.response import SHORT, ChannelResponse
 from meshtrace.comms.spectra import Curve, background_counted, signal_passed
 from meshtrace.daylight.light import Daylight
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.link import Link, Receiver
 from meshtrace.models import Floats, Model, NonNegative
 
@@ -179,8 +179,9 @@ class OokLink(Model, frozen=True):
 
     @classmethod
     def of_link(
-        cls, link: Link, base: OokLink | Preset = "physical", bit_rate: float | None = None
-    ) -> Self:
+        cls, link: Link, base: OokLink | Preset = "physical", bit_rate: float | None = None,
+        receiver: int | None = None,
+    ) -> Self:  # fmt: skip
         """Return the on-off keyed transmission over a link.
 
         Parameters
@@ -192,12 +193,15 @@ class OokLink(Model, frozen=True):
             Everything else.
         bit_rate : float, optional
             R_b [bit s-1]; by default that of `base`.
+        receiver : int, optional
+            Index of the receiver; needed for a link of several.
 
         Raises
         ------
         Refused
             If the preset is unknown, the bit rate does not fit, or the link has several receivers
             or sources of several wavelengths.
+            and none is chosen.
 
         Examples
         --------
@@ -205,9 +209,10 @@ class OokLink(Model, frozen=True):
         >>> OokLink.of_link(Link(transmitter=Led(power_mw=50.0)), bit_rate=5e6).led.power
         0.05
         """
-        if len(link.receivers) != 1:
+        if receiver is None and len(link.receivers) != 1:
             raise Refused("receiver", f"{len(link.receivers)} apertures", "one aperture")
-        aperture: Any = link.receivers[0]
+        require_whole(receiver or 0, 0, len(link.receivers) - 1, "receiver")
+        aperture: Any = link.receivers[receiver or 0]
         wavelengths = sorted({t.wavelength_nm for t in link.transmitters})
         if len(wavelengths) > 1:  # an efficiency and an energy of photons each: powers do not add
             values = Described(" and ".join(f"{nm:g} nm" for nm in wavelengths))

@@ -93,18 +93,21 @@ class SpectralDetection:
             self._groups.append((paths, detection, ends))
             waiting = [i for i in waiting if i not in paths.wavelengths]
 
-    def at_wavelengths(self, mesh: TriangleMesh, record: bool = False) -> list[Gains]:
+    def at_wavelengths(
+        self, mesh: TriangleMesh, record: bool = False, per_lamp: bool = False
+    ) -> list[Gains]:
         """Return the gain over a mesh at each wavelength, with all its arrivals if `record`.
 
-        Paths of unscattered light through a facet lead to its centroid.
+        Paths of unscattered light through a facet lead to its centroid. `per_lamp` adds the gains
+        by lamp.
         """
         gains: dict[int, Gains] = {}
         for paths, detection, ends in self._groups:
             # the mesh is prepared once for all three indices
             aimed = detection.planner.aim_over(mesh) if ends else None
-            at_paths = detection.at_wavelengths(mesh, aimed, record)
+            at_paths = detection.at_wavelengths(mesh, aimed, record, per_lamp)
             if ends:
-                low, high = (end.at_wavelengths(mesh, aimed) for end in ends)
+                low, high = (end.at_wavelengths(mesh, aimed, per_lamp=per_lamp) for end in ends)
                 # place of each index in the range: from -1/2 to 1/2 about the middle
                 shares = (paths.shares - 0.5).tolist()
                 at_paths = list(map(_moved, at_paths, low, high, shares))
@@ -127,6 +130,8 @@ def _moved(gains: Gains, low: Gains, high: Gains, share: float) -> Gains:
     # group by group: both have the same paths, whose noise cancels in the difference
     groups = gains.groups + share * (high.groups - low.groups)
     moved = replace(gains, groups=groups, all_orders=orders + share * (last - first))
+    if gains.by_lamp is not None and low.by_lamp is not None and high.by_lamp is not None:
+        moved = replace(moved, by_lamp=_moved(gains.by_lamp, low.by_lamp, high.by_lamp, share))
     return replace(moved, table=[table.with_gains(moved.gain) for table in gains.table])
 
 

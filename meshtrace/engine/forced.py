@@ -200,54 +200,59 @@ class ForcedDetection:
         return self.at_wavelengths(mesh)[0]
 
     def at_wavelengths(
-        self, mesh: TriangleMesh, surface: AimedChains | None = None, record: bool = False
-    ) -> list[Gains]:
+        self, mesh: TriangleMesh, surface: AimedChains | None = None, record: bool = False,
+        per_lamp: bool = False,
+    ) -> list[Gains]:  # fmt: skip
         """Return the gains over a mesh at all wavelengths that share these paths.
 
         `surface` is the same mesh, already prepared for a link that differs in the water alone;
-        `record` adds a table with a row for every arrival.
+        `record` adds a table with a row for every arrival, `per_lamp` the gains by lamp.
         """
         # chains end below the ceiling of the expected sea: light above it would be missed
         higher = self._reaching(mesh)
         if higher is not self:
-            return higher.at_wavelengths(mesh, surface, record)
+            return higher.at_wavelengths(mesh, surface, record, per_lamp)
         aimed = surface.of_link(self.arrays) if surface else self.planner.aim_over(mesh)
         plan, shared = self.plan, self.planner.shared
         aimed = aimed.at_wavelengths(shared)
-        gains = self._chain_gains(aimed).by_wavelength()
+        lamps = len(self.arrays.power) if per_lamp else 1
+        gains = self._chain_gains(aimed, lamps).by_wavelength()
         # arrivals of chains are recorded in a second pass: few runs ask for them
         tables = self._tables(aimed) if record else [list[ArrivalTally]() for _ in gains]
         joined: list[Gains] = []
         if plan.joined is not None:
-            joined = plan.joined.at_wavelengths(mesh, shared.tinting, shared.links, record)
+            joined = plan.joined.at_wavelengths(mesh, shared.tinting, shared.links, record, lamps)
         groups = [(joined, plan.joined_to)]
         if plan.arriving_at:
             planner = self.planner
             photons = scattered_gains(
                 planner.link_to(plan.arriving_at), mesh, plan.arriving, planner.seed,
-                planner.normals, planner.threads, record,
+                planner.normals, planner.threads, record, lamps,
             )  # fmt: skip
             groups.append(([photons], plan.arriving_at))
         # photons are numbered after all chains, those without scatterings last
         chains = sum(request.number for request in self._requests)
         for by_wavelength, receivers in groups:
+            pairs = [k * len(self.method) + r for k in range(lamps) for r in receivers]
             for i, by_photons in enumerate(by_wavelength):
-                gains[i] = gains[i].with_photons(by_photons, receivers)
+                gains[i] = gains[i].with_photons(by_photons, pairs)
                 tables[i] += [table.moved(receivers, chains) for table in by_photons.table]
         if record:
             whole = map(ArrivalTally.concatenated, tables)
             gains = [replace(g, table=[t]) for g, t in zip(gains, whole, strict=True)]
-        return gains
+        return [g.over_lamps(lamps) for g in gains] if per_lamp else gains
 
-    def _chain_gains(self, aimed: AimedChains) -> Gains:
+    def _chain_gains(self, aimed: AimedChains, lamps: int = 1) -> Gains:
         """Return the gain by unscattered light and by chains at all wavelengths.
+
+        For each pair of a lamp and a receiver, lamp after lamp, unless `lamps` is 1.
 
         A pair of ends with no light through the facets may still have some through random slopes,
         which chains without scatterings then sample.
         """
         link, sampled = self.arrays, list[tuple[int, int]]()
         orders = max((request.order for request in self.plan.chains), default=0) + 1
-        gains = Gains.zeros(aimed.wavelengths, len(self.method), orders)
+        gains = Gains.zeros(aimed.wavelengths, lamps * len(self.method), orders)
         # slopes too narrow for an integral are sampled; extended sources are summed anyway
         # Chains without scatterings cross the surface, and show nothing of what it mirrors: there
         # such narrow slopes are left out.
@@ -269,8 +274,8 @@ class ForcedDetection:
             gain = from_points.mean(axis=1).T  # (wavelengths, 1 or SHIFTS)
             # the error where a view ends within the aperture counts even beside chains
             in_groups = alone or aimed.meets_rim(*pair)
-            receiver, gain = link.receiver(*pair), link.share(*pair) * gain
-            gains.add_direct(receiver, gain, error, in_groups, unscattered)
+            place, gain = self._place(*pair, lamps), link.share(*pair) * gain
+            gains.add_direct(place, gain, error, in_groups, unscattered)
             cut_short += aimed.is_cut_short(*pair)
             # an extended source is sampled at random points, with a value for each shift
             if gain.shape[-1] > 1:
@@ -279,23 +284,30 @@ class ForcedDetection:
                 dark.append(pair)
         for e, t in link.pairs if link.reflects else []:
             gain, error = self._straight_gains(aimed, e, t)
-            gains.add_direct(link.receiver(e, t), link.share(e, t) * gain, error, alone)
+            gains.add_direct(self._place(e, t, lamps), link.share(e, t) * gain, error, alone)
         drawn = sum(request.number for request in self.plan.chains)
         pace = Pace(len(chain_jobs), f"{drawn:,} chains over one surface")
         for job, scores in zip(chain_jobs, results, strict=True):
-            self._add_scores(gains, job, scores)
+            self._add_scores(gains, job, scores, lamps)
             pace.add()
         # a narrow beam may pass between the quadrature nodes of all facets: chains may hit it
         rest = parts.chain_jobs(dark, [[drawing] for drawing in self.unscattered()] if dark else [])
         results = ordered_map(partial(self._scores, aimed), rest, self.threads)
         bright = set(sampled)  # pairs with sampled unscattered light, counted in the result
         for job, scores in zip(rest, results, strict=True):
-            self._add_scores(gains, job, scores)
+            self._add_scores(gains, job, scores, lamps)
             source = job[1].request.source
             bright |= {(source, t) for t, score in zip(job[0], scores, strict=True) if score.any()}
         outcomes = {c.name.lower(): int(aimed.counters[c]) for c in Counter}
         counts = ChainCounts(drawn=drawn, sampled=len(bright), cut_short=cut_short, **outcomes)
-        return replace(gains, method=self.method, counts=counts, reflects=self.plan.reflects)
+        method = lamps * self.method
+        return replace(gains, method=method, counts=counts, reflects=self.plan.reflects)
+
+    def _place(self, emitter: int, target: int, lamps: int) -> int:
+        """Return the index of a pair of ends among the gains, see `_chain_gains`."""
+        link = self.arrays
+        lamp = link.lamp(emitter, target) if lamps > 1 else 0
+        return lamp * len(self.method) + link.receiver(emitter, target)
 
     def _scores(self, aimed: AimedChains, job: parts.ChainJob) -> list[Floats]:
         """Return the scores (wavelengths, chains) of a block of chains at each target of a job."""
@@ -307,14 +319,16 @@ class ForcedDetection:
             scores |= dict(zip(group, np.split(score, len(group), axis=-1), strict=True))
         return [scores[target] for target in targets]
 
-    def _add_scores(self, gains: Gains, job: parts.ChainJob, scores: list[Floats]) -> None:
+    def _add_scores(
+        self, gains: Gains, job: parts.ChainJob, scores: list[Floats], lamps: int
+    ) -> None:
         """Add the scores of a block of chains at each target of a job to the gains."""
         targets, block = job
         request = block.request
         for t, score in zip(targets, scores, strict=True):
-            receiver = self.arrays.receiver(request.source, t)
+            place = self._place(request.source, t, lamps)
             share = self.arrays.share(request.source, t) / request.number
-            gains.add_chains(receiver, request.order, block.shifts_in, score, share)
+            gains.add_chains(place, request.order, block.shifts_in, score, share)
 
     def _source_gains(self, aimed: AimedChains, e: int, t: int) -> tuple[Floats, float]:
         """Return unscattered gains by points of a source, and their relative quadrature error.

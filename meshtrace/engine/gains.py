@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.kernels.random import Purpose, philox
 from meshtrace.kernels.tally import (
     BODY,
     BOTTOM,
@@ -67,6 +68,9 @@ class Gains:
         Whether light that the surface reflects first was measured.
     table : list of ArrivalTally
         The rows, if they are recorded, by wavelength.
+    by_lamp : Gains, optional
+        Gains with a receiver for each pair of a lamp and a receiver, lamp after lamp, whose sums
+        over the lamps these are.
     """
 
     groups: Floats
@@ -79,6 +83,7 @@ class Gains:
     counts: ChainCounts = field(default_factory=ChainCounts)
     reflects: bool = True
     table: list[ArrivalTally] = field(default_factory=list)
+    by_lamp: Gains | None = None
 
     @classmethod
     def zeros(cls, wavelengths: int, receivers: int, orders: int) -> Gains:
@@ -119,6 +124,35 @@ class Gains:
             )
             for i in range(len(self.groups))
         ]
+
+    def over_lamps(self, lamps: int) -> Gains:
+        """Return the sums over the lamps of gains at one wavelength by pair, see `by_lamp`."""
+        receivers = len(self.method) // lamps
+
+        def pairs(values: Any, axis: int) -> Any:
+            head, tail = values.shape[:axis], values.shape[axis + 1 :]
+            return values.reshape(*head, lamps, receivers, *tail)
+
+        chained = np.array([method == "chains" for method in self.method[:receivers]])
+        samples = pairs(self.samples, 1)
+        # chains start at one lamp each, photons at any: all of them are samples of every lamp
+        of_photons = np.arange(N_PARTS)[:, None] >= np.where(chained, SCATTERED + 1, SCATTERED)
+        return replace(
+            self,
+            groups=pairs(self.groups, 1).sum(axis=1),
+            all_orders=pairs(self.all_orders, 0).sum(axis=0),
+            square=pairs(self.square, 1).sum(axis=1),
+            scored=pairs(self.scored, 1).sum(axis=1),
+            samples=np.where(of_photons, samples.max(axis=1), samples.sum(axis=1)),
+            quadrature=pairs(self.quadrature, 0).sum(axis=0),
+            method=self.method[:receivers],
+            by_lamp=replace(self, table=[]),
+        )
+
+    @property
+    def with_lamps(self) -> list[Gains]:
+        """These gains, and those by lamp where there are any."""
+        return [self] if self.by_lamp is None else [self, self.by_lamp]
 
     @property
     def parts(self) -> Floats:
@@ -210,17 +244,20 @@ class Gains:
         self.samples[part, receiver] += score.shape[-1]
 
     def add_arrivals(
-        self, arrivals: NDArray[np.void], weights: Floats, first: int, photons: int
-    ) -> None:
+        self, arrivals: NDArray[np.void], weights: Floats, first: int, photons: int,
+        receiver: NDArray[np.int64] | None = None,
+    ) -> None:  # fmt: skip
         """Add the arrivals (ARRIVAL) of `photons` successive photons, from number `first` on.
 
-        `weights` (wavelengths, arrivals) are theirs at each wavelength. Sums are not yet divided by
-        the number of photons, see `of_photons`.
+        `weights` (wavelengths, arrivals) are theirs at each wavelength; `receiver` (arrivals,) are
+        their places among gains by lamp. Sums are not yet divided by the number of photons, see
+        `of_photons`.
         """
         receivers, n_orders = self.all_orders.shape[1:]
+        receiver = arrivals["receiver"] if receiver is None else receiver
         # flat index of (part, receiver), and from it those of (part, receiver, group) and (part,
         # receiver, photon)
-        part, size = arrivals["part"] * receivers + arrivals["receiver"], N_PARTS * receivers
+        part, size = arrivals["part"] * receivers + receiver, N_PARTS * receivers
         group = part * SHIFTS + arrivals["photon"] % SHIFTS
         # what a photon brings to a receiver is one score, in however many rows it comes
         sample = part * photons + (arrivals["photon"] - first)
@@ -232,7 +269,7 @@ class Gains:
         # orders count scatterings of light that the surface does not reflect first
         not_reflected = arrivals["part"] != REFLECTED
         order = np.minimum(arrivals["order"], n_orders - 1)  # the last holds all beyond
-        order = (arrivals["receiver"] * n_orders + order)[not_reflected]
+        order = (receiver * n_orders + order)[not_reflected]
         for k, weight in enumerate(weights):
             sums = np.bincount(group, weight, size * SHIFTS)
             self.groups[k] += sums.reshape(self.groups.shape[1:])
@@ -275,6 +312,24 @@ class Gains:
             for mine, other in ((self.scored, photons.scored), (self.samples, photons.samples)):
                 mine[part, index[counted]] = other[part, counted]
         return replace(self, all_orders=orders)
+
+
+def places_of(
+    arrivals: NDArray[np.void], seed: int, link: Link, lamps: int, receivers: int
+) -> NDArray[np.int64] | None:
+    """Return the place of each arrival among gains by lamp; None, the receiver, for one lamp."""
+    if lamps == 1:
+        return None
+    return lamps_of(arrivals["photon"], seed, link) * receivers + arrivals["receiver"]
+
+
+def lamps_of(photons: NDArray[np.int64], seed: int, link: Link) -> NDArray[np.intp]:
+    """Return the index of the source of each photon, as `kernels.sources.launch` draws it."""
+    power = np.array([source.power_mw for source in link.transmitters])
+    # the kernel as plain code, which numpy applies to whole arrays; without compilation it is that
+    words = getattr(philox, "py_func", philox)(seed, photons, 0, Purpose.LAUNCH)
+    u = (words[3].astype(float) + 0.5) * 2.0**-32
+    return np.searchsorted((np.cumsum(power) / power.sum())[:-1], u, side="right")
 
 
 def sum_of_parts(values: Floats, parts: Sequence[int]) -> Floats:

@@ -14,7 +14,7 @@ import numpy as np
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.choice import counts, returned_gain
 from meshtrace.engine.forced import ForcedDetection
-from meshtrace.engine.gains import Gains, table_of
+from meshtrace.engine.gains import Gains, lamps_of, table_of
 from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.setup import options
@@ -31,6 +31,7 @@ from meshtrace.results.tallies import (
     Planes,
     error_of_groups,
     standard_error,
+    sums_by_group,
 )
 from meshtrace.stored import SHIFTS
 
@@ -77,9 +78,10 @@ def per_receiver(link: Link, array: Floats) -> Any:
 
 
 def analog_result(
-    link: Link, sums: PhotonSums, origin: dict[str, Any], records: Mapping[str, Record]
-) -> GainResult:
-    """Return the result of analog photons."""
+    link: Link, sums: PhotonSums, origin: dict[str, Any], records: Mapping[str, Record],
+    seed: int | None = None,
+) -> GainResult:  # fmt: skip
+    """Return the result of analog photons, with the gains by lamp if their seed is given."""
     # scores are sums over photons: a column for each receiver, then the columns of planes
     n, n_rx = sums.photons, len(link.receivers)
     mean = sums.score / n
@@ -90,6 +92,9 @@ def analog_result(
         arrivals = table_of(hits, hits["weight"] / n, 1.0, link)
     grid = records.get("irradiance-map")
     gain = per_receiver(link, mean[:n_rx])
+    pairs: dict[str, Any] = {}
+    if seed is not None:
+        pairs = by_lamp_of(groups_by_lamp(sums, seed, link))
     return GainResult(
         gain=gain,
         gain_stderr=per_receiver(link, stderr[:n_rx]),
@@ -105,7 +110,24 @@ def analog_result(
         arrivals=arrivals,
         planes=_planes(link, sums, mean[n_rx:], stderr[n_rx:]),
         map=irradiance_map(grid, sums) if isinstance(grid, options.IrradianceMap) else None,
+        **pairs,
     )
+
+
+def groups_by_lamp(sums: PhotonSums, seed: int, link: Link) -> Floats:
+    """Return the gain (lamps, receivers, SHIFTS) of analog photons by group, see `Gains.groups`."""
+    hits, shape = sums.all_arrivals, (len(link.transmitters), len(link.receivers))
+    pair = lamps_of(hits["photon"], seed, link) * shape[1] + hits["receiver"]
+    group = hits["photon"] % SHIFTS
+    groups = sums_by_group(group, hits["weight"] / sums.photons, pair, math.prod(shape))
+    return groups.T.reshape(*shape, SHIFTS)
+
+
+def by_lamp_of(groups: Floats, quadrature: Floats | float = 0.0) -> dict[str, Floats]:
+    """Return the fields of a result by lamp from the gain (lamps, receivers, SHIFTS) by group."""
+    stderr = np.hypot(error_of_groups(groups, axis=-1), quadrature)
+    names = "gain_by_lamp", "gain_by_lamp_stderr", "gain_by_lamp_groups"
+    return dict(zip(names, (groups.mean(axis=-1), stderr, groups), strict=True))
 
 
 def forced_result(
@@ -121,6 +143,10 @@ def forced_result(
         extra["gain_reflected"] = per_receiver(link, gains.parts[REFLECTED])
         extra["gain_reflected_stderr"] = per_receiver(link, gains.part_stderr[REFLECTED])
         extra["reflected"] = gains.samples_of(REFLECTED)
+    if gains.by_lamp is not None:
+        pairs, shape = gains.by_lamp, (-1, len(link.receivers))
+        groups = pairs.shifts.reshape(*shape, SHIFTS)
+        extra |= by_lamp_of(groups, pairs.quadrature.reshape(shape))
     result = GainResult(
         gain=per_receiver(link, gains.gain),
         gain_stderr=per_receiver(link, gains.stderr),

@@ -24,6 +24,7 @@ from meshtrace.engine.setup.ends import require_height_field, resolved_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import (
     Analog,
+    Arrivals,
     Case,
     Estimator,
     Forced,
@@ -86,6 +87,7 @@ def simulate(
     threads: int | None = None,
     record: Annotated[Iterable[Record], Inside()] = (),
     progress: Callable[[int], None] | None = None,
+    per_lamp: bool = False,
     **options: Unpack[Shortcuts],
 ) -> GainResult | ByWavelength[GainResult]:
     r"""Simulate the gain of a link over a surface.
@@ -119,6 +121,8 @@ def simulate(
         Extra tallies.
     progress : callable, optional
         Called with the number of photons followed since its last call.
+    per_lamp : bool
+        Whether the result also has the gains by lamp, from the same chains and photons.
     **options
         Fields of `Meshing` (`normals`, `time`, `extent`, `spacing`, `waves`) and of the estimator.
 
@@ -179,7 +183,8 @@ def simulate(
             if at and "irradiance-map" in records:
                 allowed = "arrivals, with wavelengths_nm; maps by coverage_map"
                 raise Refused("record", Described("a map"), allowed)
-            results, returned = _traced(case, links, triangles, config, records, progress)
+            traced = _traced(case, links, triangles, config, records, progress, per_lamp)
+            results, returned = traced
             outcome.warn_of_few(results, links, reference)
             if isinstance(case.run.estimator, Analog):
                 outcome.warn_of_lost(results[reference])
@@ -215,6 +220,7 @@ def _traced(
     config: dict[str, Any],
     records: dict[str, Record],
     progress: Callable[[int], None] | None,
+    per_lamp: bool,
 ) -> tuple[list[GainResult], Floats | None]:
     """Return the results of links that differ in wavelength and water, from shared paths.
 
@@ -224,6 +230,8 @@ def _traced(
     on enough samples.
     """
     recorded = [r.model_dump(mode="json") for r in records.values()]
+    # the lamp of an analog photon follows from its number, which arrivals have
+    unrecorded = [Arrivals()] if per_lamp and "arrivals" not in records else []
     run: Run | None = case.run
     seed, normals, threads = case.run.seed, case.meshing.normals, case.threads
     results: list[GainResult] = []
@@ -243,10 +251,10 @@ def _traced(
         if isinstance(run.estimator, Analog):
             sums = analog_sums(
                 links, EmbreeIntersector(mesh, threads), run.estimator, run.photons, progress,
-                records.values(), seed=seed, normals=normals, threads=threads,
+                [*records.values(), *unrecorded], seed=seed, normals=normals, threads=threads,
             )  # fmt: skip
             further = [
-                outcome.analog_result(link, tallies, origin, records)
+                outcome.analog_result(link, tallies, origin, records, seed if per_lamp else None)
                 for link, tallies, origin in zip(links, sums, origins, strict=True)
             ]
             # photons are independent: further ones are merged with those already traced
@@ -261,7 +269,7 @@ def _traced(
                 returned = planner.returned if omits else None
             else:
                 paths = SpectralDetection(links, run.photons, seed, normals, threads, sea)
-            gains = paths.at_wavelengths(mesh, record=bool(records))
+            gains = paths.at_wavelengths(mesh, record=bool(records), per_lamp=per_lamp)
             results = [
                 outcome.forced_result(case._replace(run=run, link=link), mesh, gain, origin)
                 for link, gain, origin in zip(links, gains, origins, strict=True)

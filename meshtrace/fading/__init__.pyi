@@ -23,6 +23,7 @@ from .series import effective_samples as effective_samples
 from .series import fade_durations as fade_durations
 from .series import level_crossing_rate as level_crossing_rate
 from .series import mean_fade_duration as mean_fade_duration
+from .spatial import gain_correlation as gain_correlation
 from .spectral import BandFading as BandFading
 from .spectral import band_fading as band_fading
 from .spectral import fading_band as fading_band

@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Annotated, Any, NamedTuple
 
@@ -116,7 +116,7 @@ def scintillation_of_spectrum(
         require_between(omega_max, 0.0, math.inf, "omega_max")
     # SI is the covariance at lag 0
     return float(
-        _covariance(*_slopes_seen(link, surface, omega_max, tilts), np.zeros(1), heights)[0]
+        _covariance(*slopes_seen(link, surface, omega_max, tilts), np.zeros(1), heights)[0]
     )
 
 
@@ -181,10 +181,10 @@ def gain_autocovariance(
     require_spectrum(surface)
     if omega_max is None:
         paraxial_lever(link)
-        surface = _open_for_fading(link, surface)
+        surface = open_for_fading(link, surface)
         omega_max = surface.band.omega_max
     require_between(omega_max, 0.0, math.inf, "omega_max", "(]")
-    parts = _slopes_seen(link, surface, None if omega_max == math.inf else omega_max)
+    parts = slopes_seen(link, surface, None if omega_max == math.inf else omega_max)
     return _covariance(*parts, tau.ravel(), heights).reshape(tau.shape)
 
 
@@ -220,7 +220,7 @@ def paraxial_lever(link: Any) -> Lever:
     return Lever(beta, receiver.radius * to_surface / (d + n * h), height)
 
 
-def _slopes_seen(
+def slopes_seen(
     link: Any, surface: Any, omega_max: float | None, tilts: bool = True
 ) -> tuple[Lever, Any, tuple[float, float]]:
     """Return geometry, slope spectrum, and slope variances (along, across) of waves beyond a band.
@@ -281,25 +281,47 @@ def _covariance(
     # D = 2 (C(0) - C(R)); slopes beyond the band are independent
     # at two crossings, so that they are part of C(0) alone
     near = [far[0] - 2.0 * covariance[0], far[1] - 2.0 * covariance[1], -2.0 * covariance[2]]
-    x = distance[:, None] * np.cos(azimuth)
-    y = distance[:, None] * np.sin(azimuth)
-    moved_x, moved_y, weight_of_pair = x, y, 1.0
-    if heights:
+    place = distance[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)])[:, None]
+    elevation = spectrum.elevation(distance, azimuth, lags) if heights else None
+    excess = excess_density(lever, place, near, far, elevation)
+    # d^2R = R^2 d(ln R) d(azimuth)
+    over_azimuth = (excess * weight).sum(axis=2) * distance**2
+    return np.trapezoid(over_azimuth, np.log(distance), axis=1)
+
+
+def excess_density(
+    lever: Lever, place: Floats, near: Sequence[Any], far: Floats, elevation: Floats | None = None
+) -> Floats:
+    """Return the density of pairs of crossings at a place less that of independent ones.
+
+    Parameters
+    ----------
+    lever : Lever
+        Geometry of the link.
+    place : ndarray, shape (2, ...)
+        Places (x, y) [m] at which the density of the landing points of a pair is taken.
+    near, far : sequence of ndarray
+        Structure tensor of the slopes at the pair (xx, yy, xy) and for independent crossings
+        (xx, yy).
+    elevation : ndarray, shape (3, ...), optional
+        Covariance of the elevation of the pair and its gradient; heights then weigh it.
+    """
+    (x, y), weight_of_pair = place, 1.0
+    moved_x, moved_y = x, y
+    if elevation is not None:
         # R + 2 beta q grad rho, and exp(q^2 rho)
-        rho, rho_x, rho_y = spectrum.elevation(distance, azimuth, lags)
+        rho, rho_x, rho_y = elevation
         shift = 2.0 * lever.beta * lever.height
         moved_x, moved_y = x + shift * rho_x, y + shift * rho_y
         weight_of_pair = np.exp(lever.height**2 * rho)
     b2, share, width = lever.beta**2, *_disk_mixture()
-    excess = np.zeros(covariance.shape[1:])
+    excess = np.zeros(near[0].shape)
     for w, v in zip(share, width * lever.aperture**2, strict=True):
         pair_variances = b2 * near[0] + v, b2 * near[1] + v, b2 * near[2]
         pair = weight_of_pair * _normal_density(moved_x, moved_y, *pair_variances)
         independent = _normal_density(x, y, b2 * far[0] + v, b2 * far[1] + v, 0.0)
         excess += w * (pair - independent)
-    # d^2R = R^2 d(ln R) d(azimuth)
-    over_azimuth = (excess * weight).sum(axis=2) * distance**2
-    return np.trapezoid(over_azimuth, np.log(distance), axis=1)
+    return excess
 
 
 def _normal_density(x: Floats, y: Floats, xx: Any, yy: Any, xy: Any) -> Floats:
@@ -528,11 +550,11 @@ def resolve_band(
     if not fading or link.physics.unresolved == "none":
         return surface
     if hasattr(surface, "windiest"):
-        return _with_windiest(surface, lambda part: _open_for_fading(link, part))
-    return _open_for_fading(link, surface)
+        return _with_windiest(surface, lambda part: open_for_fading(link, part))
+    return open_for_fading(link, surface)
 
 
-def _open_for_fading(link: Any, surface: Any) -> Any:
+def open_for_fading(link: Any, surface: Any) -> Any:
     """Return a sea with all waves that make the light of a link fade, if it leaves them open.
 
     The index of the band is within 3 % of that of all waves or, where no band is, within 10 %.

@@ -111,6 +111,8 @@ class ChainCounts(NamedTuple):
 # quadrature the two are hypot(1, 0.5) = 1.12 standard errors, too little more to change a decision.
 _MESH_ERROR_SHOWN = 0.5
 _PER_RECEIVER = Variable("receiver")
+PER_LAMP = Variable("transmitter", "receiver")
+"""Description of values by lamp and receiver."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -156,6 +158,12 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
         Forced only: estimator and samples of the scattered gain of each receiver.
     reflected : list of ScatteredSamples
         The same for `gain_reflected`.
+    gain_by_lamp, gain_by_lamp_stderr : ndarray, shape (transmitters, receivers), or None
+        Gain by lamp and receiver over the power of all lamps, and its standard error; sums over
+        the lamps are the gain.
+    gain_by_lamp_groups : ndarray, shape (transmitters, receivers, 32), or None
+        The same by independent group of samples. All pairs have the same samples: their errors
+        have the covariance of these estimates, over 32.
     arrivals : ArrivalTally, optional
         Arrivals with their path lengths.
     planes : Planes, optional
@@ -187,6 +195,9 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
     gain_part: Annotated[Floats | None, Variable("receiver", "part")] = None
     gain_part_stderr: Annotated[Floats | None, Variable("receiver", "part")] = None
     gain_order: Annotated[Floats | None, Variable("receiver", "order")] = None
+    gain_by_lamp: Annotated[Floats | None, PER_LAMP] = None
+    gain_by_lamp_stderr: Annotated[Floats | None, PER_LAMP] = None
+    gain_by_lamp_groups: Annotated[Floats | None, Variable(*PER_LAMP.dims, "group")] = None
     arrivals: Annotated[ArrivalTally | None, Part(ArrivalTally)] = None
     planes: Annotated[Planes | None, Part(Planes)] = None
     map: Annotated[MapTally | None, Part(MapTally)] = None
@@ -325,6 +336,9 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
                 if self.gain_reflected is not None:
                     text += f", of which reflected first {100.0 * reflected / gain:.2g} %"
                 lines.append(_line("", text))
+            if self.gain_by_lamp is not None and self.gain_by_lamp_stderr is not None:
+                pairs = zip(self.gain_by_lamp[:, i], self.gain_by_lamp_stderr[:, i], strict=True)
+                lines.append(_line("by lamp", ", ".join(f"{g:.4e} +- {s:.1e}" for g, s in pairs)))
             if self.scattered:
                 estimator, samples, scored, effective = self.scattered[i]
                 text = f"{samples:,} {estimator}, {scored:,} of them with a contribution"
@@ -445,6 +459,9 @@ def merge(results: Sequence[GainResult]) -> GainResult:
         tallies = [getattr(result, name) for result in results]
         if tallies[0] is not None:
             means[name] = tallies[0].merged(tallies, run_photons)
+    if first.gain_by_lamp_groups is not None:
+        each = zip(results, run_photons / total, strict=True)
+        means["gain_by_lamp_groups"] = sum(k * r.gain_by_lamp_groups for r, k in each)
     fates = {}
     for name in first.fates:
         photons = sum(r.fates[name].photons for r in results)

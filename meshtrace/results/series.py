@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from statistics import NormalDist
 from typing import (
     TYPE_CHECKING,
@@ -12,6 +14,7 @@ from typing import (
     ClassVar,
     Generic,
     Literal,
+    NamedTuple,
     ParamSpec,
     Protocol,
     TypeVar,
@@ -24,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.models import Floats
-from meshtrace.results.gain import GainResult
+from meshtrace.results.gain import PER_LAMP, GainResult
 from meshtrace.results.provenance import water_of
 from meshtrace.stored import Stacked, Stored, Variable
 
@@ -34,8 +37,23 @@ if TYPE_CHECKING:
     from meshtrace.fading import FadingStatistics
 
 _MOST_LISTED = 50  # gains that a summary lists where there are too few for statistics: tuned
+_MOST_PAIRS = 10  # pairs of channels that a summary lists: tuned
 _NOISE_REPORTED = 0.05  # share of the variance from which noise gets a note: tuned
 _PER_STEP = Variable("step", "receiver")
+_BY_LAMP = Variable("step", *PER_LAMP.dims)
+
+
+class CorrelatedPair(NamedTuple):
+    """Correlation of the fading of two channels, its standard error, and their distance [m].
+
+    Channels are receivers, or pairs of lamp and receiver, whose distance is nan.
+    """
+
+    first: str
+    second: str
+    correlation: float
+    stderr: float
+    distance: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,6 +73,10 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
         fall as it would for n independent gains.
     provenance : dict
         Versions, configuration and seeds.
+    gain_by_lamp, gain_by_lamp_stderr : ndarray, shape (n, transmitters, receivers), or None
+        Gain by lamp and receiver over the power of all lamps, and its standard error.
+    gain_by_lamp_groups : ndarray, shape (transmitters, receivers, 32), or None
+        Means of the same by independent group of samples, see `GainResult`.
     """
 
     along: Literal["time", "realization"]
@@ -64,6 +86,9 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
     gain_ballistic: Annotated[Floats, _PER_STEP]
     mean_stderr: Any
     provenance: dict[str, Any] = field(default_factory=dict)
+    gain_by_lamp: Annotated[Floats | None, _BY_LAMP] = None
+    gain_by_lamp_stderr: Annotated[Floats | None, _BY_LAMP] = None
+    gain_by_lamp_groups: Annotated[Floats | None, Variable(*PER_LAMP.dims, "group")] = None
 
     _step_name: ClassVar[str] = "along"
 
@@ -83,6 +108,69 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
         if self.along != "time":
             raise Refused("along", self.along, "time, for a property of time series")
         return self.coordinate
+
+    def _channels(self) -> tuple[list[str], Floats]:
+        """Return the names of receivers or, of several lamps, of pairs, and their gains."""
+        n, receivers = self.gains.shape
+        if self.gain_by_lamp is None or self.gain_by_lamp.shape[1] == 1:
+            return [f"receiver {r}" for r in range(receivers)], self.gains
+        lamps, pairs = self.gain_by_lamp.shape[1], self.gain_by_lamp.reshape(n, -1)
+        return [f"lamp {k}, receiver {r}" for k in range(lamps) for r in range(receivers)], pairs
+
+    @property
+    def correlation(self) -> Floats:
+        """Pearson's correlation of the gains, shape (channels, channels); nan without fading.
+
+        Channels are the receivers or, of several lamps with gains by lamp, the pairs of lamp and
+        receiver, lamp after lamp. The Monte Carlo noise of the gains is a part of their fading.
+        """
+        gains = self._channels()[1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # a single surface has no fading either
+            scaled = (gains - gains.mean(axis=0)) / gains.std(axis=0)
+            return np.asarray(scaled.T @ scaled / len(scaled))
+
+    @property
+    def correlation_stderr(self) -> Floats:
+        r"""Standard error of `correlation`, of the same shape.
+
+        .. math:: \sigma_\rho = (1 - \rho^2) / (n_\mathrm{eff} - 1)^{1/2},
+
+        that of Gaussian samples, n_eff of them: the least number of a channel in a time series.
+        """
+        from meshtrace.fading import effective_samples
+
+        gains, rho, n = self._channels()[1], self.correlation, float(len(self.coordinate))
+        if self.along == "time" and np.isfinite(rho).all():
+            n = min(effective_samples(of_channel) for of_channel in gains.T)
+        return np.asarray((1.0 - rho**2) / np.sqrt(max(n - 1.0, 1.0)))
+
+    def correlated_pairs(self) -> list[CorrelatedPair]:
+        """Return the correlation of the fading of every two channels, see `correlation`."""
+        names, rho, stderr = self._channels()[0], self.correlation, self.correlation_stderr
+        ends = self.provenance.get("link", {}).get("receiver", [])
+        places = [end.get("position") for end in ends] if isinstance(ends, list) else []
+        pairs = []
+        for i, j in combinations(range(len(names)), 2):
+            apart = math.nan
+            # pairs of lamp and receiver have no one distance
+            if len(places) == len(names) and None not in (places[i], places[j]):
+                apart = math.dist(places[i], places[j])
+            value, error = float(rho[i, j]), float(stderr[i, j])
+            pairs.append(CorrelatedPair(names[i], names[j], value, error, apart))
+        return pairs
+
+    def _correlation_lines(self) -> list[str]:
+        """Return the correlation of the fading of two channels in a line each."""
+        pairs = self.correlated_pairs()
+        if not pairs or not np.isfinite(self.correlation).all():
+            return []
+        lines = ["correlation of the fading"]
+        for first, second, value, error, apart in pairs[:_MOST_PAIRS]:
+            where = "" if math.isnan(apart) else f", {apart:g} m apart"
+            lines.append(f"  {f'{first} and {second}':<42}{value:>7.3f} +- {error:.3f}{where}")
+        more = len(pairs) - _MOST_PAIRS
+        return lines + [f"  {more} more pairs"] * (more > 0)
 
     def fading(self, receiver: int = 0, **options: Any) -> FadingStatistics:
         r"""Return the fading statistics of one receiver, see `fading.fading_statistics`.
@@ -154,7 +242,7 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
             if gain.any():
                 percent = 100.0 * stderr / gain.mean()
                 lines.append(f"  Monte Carlo error    {percent:.2g} % of the mean gain")
-        return "\n".join(lines)
+        return "\n".join(lines + self._correlation_lines())
 
     def _check(self) -> None:
         # `mean_stderr` is an attribute: the check of `Stored` covers the sizes of variables alone

@@ -395,9 +395,10 @@ class Scenario(Model, frozen=True):
         self,
         progress: Callable[[int], None] | None = None,
         wavelengths_nm: ArrayLike | None = None,
+        per_lamp: bool = False,
     ) -> GainResult | ByWavelength[GainResult]:
         """Run the scenario, see `meshtrace.simulate`.
 
         `from_provenance` restores the scenario from the provenance of the result.
         """
-        return simulate(self, progress=progress, wavelengths_nm=wavelengths_nm)
+        return simulate(self, progress=progress, wavelengths_nm=wavelengths_nm, per_lamp=per_lamp)

@@ -15,11 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.correlated import FrozenForced, SpectralDetection
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
+from meshtrace.engine.outcome import groups_by_lamp
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.ends import resolved_reach
 from meshtrace.engine.setup.meshing import FADING_SPACING, mesh_lines, require_cover, surface_config
 from meshtrace.engine.setup.options import (
     Analog,
+    Arrivals,
     Meshing,
     Run,
     StudyOptions,
@@ -113,6 +115,8 @@ class Campaign(NamedTuple):
         Whether the links are one at several wavelengths, with common paths where possible.
     fine_patch : float
         Half-width of the finely meshed part of the surface, over that of `Link.lit_patch`.
+    per_lamp : bool
+        Whether gains by pair of lamp and receiver, lamp after lamp, follow those of the receivers.
     """
 
     links: Mapping[str, Link]
@@ -125,11 +129,18 @@ class Campaign(NamedTuple):
     progress: Callable[[int], None] | None = None
     spectral: bool = False
     fine_patch: float = 1.0
+    per_lamp: bool = False
 
     @property
     def link(self) -> Link:
         """The first link."""
         return next(iter(self.links.values()))
+
+    @property
+    def columns(self) -> int:
+        """Number of gains of a link over a surface: receivers, and pairs if `per_lamp`."""
+        pairs = len(self.link.transmitters) if self.per_lamp else 0
+        return (1 + pairs) * len(self.link.receivers)
 
     @property
     def threads(self) -> int:
@@ -172,6 +183,7 @@ class Campaign(NamedTuple):
             "spectral": self.spectral,
             "surface": surface_config(self.surface),
             "meshing": self.meshing.model_dump(mode="json"),
+            **({"per_lamp": True} if self.per_lamp else {}),
         } | self._estimate()
 
     def _estimate(self) -> dict[str, Any]:
@@ -197,7 +209,7 @@ class Campaign(NamedTuple):
         speeds = [speed for sea in seas if (speed := getattr(sea, "wind_speed", None)) is not None]
         if not speeds:
             raise Refused("flight.wind", None, "a wind, over a sea without wind speed")
-        return Dryden(wind_speed=max(speeds), height=self.link.air_end[1].height)
+        return Dryden(wind_speed=max(speeds), height=with_first(self.link).air_end[1].height)
 
     def flight(self, flight: Flight | None) -> Flight | None:
         """Return the aircraft of a study, by default the one in its scenario, checked."""
@@ -353,12 +365,12 @@ class Campaign(NamedTuple):
 
         Yields
         ------
-        ndarray, shape (2, links, receivers, shifts)
+        ndarray, shape (2, links, columns, shifts)
         """
         setup = partial(gains_over, self.alone, steps, probed)
         name = f"gains of {', '.join(self.links)}"
         identity = {"steps": steps.identity(), "probed": probed}
-        shape = 2, len(self.links), len(self.link.receivers), SHIFTS
+        shape = 2, len(self.links), self.columns, SHIFTS
         return self.evaluate(setup, range(len(steps.labels)), name, identity, lambda step: shape)
 
     def gains(self, steps: Steps, probed: int = _PROBED) -> Floats:
@@ -371,16 +383,20 @@ class Campaign(NamedTuple):
 
         Returns
         -------
-        ndarray, shape (2, links, surfaces, receivers, shifts)
+        ndarray, shape (2, links, surfaces, columns, shifts)
             Shifts are the 32 randomizations of the chains: independent estimates, the same ones
             over all surfaces and for all links.
         """
-        n, receivers = len(steps.labels), len(self.link.receivers)
         # filled as they come: a list would hold the gains of a million surfaces twice
-        gains = np.empty((2, len(self.links), n, receivers, SHIFTS))
+        gains = np.empty((2, len(self.links), len(steps.labels), self.columns, SHIFTS))
         for i, numbers in enumerate(self.each(steps, probed)):
             gains[:, :, i] = numbers
         return gains
+
+
+def with_first(link: Link) -> Link:
+    """Return a link with the first of its receivers alone."""
+    return link if len(link.receivers) == 1 else link.replace("receiver", link.receivers[0])
 
 
 def finished(
@@ -471,10 +487,13 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
     def gains(links: Sequence[Link]) -> Callable[[TriangleMesh], Floats]:
         detections = campaign.detections(links, typical)
 
-        # shape (2, links, receivers, shifts): gains and their unscattered parts
+        # shape (2, links, columns, shifts): gains and their unscattered parts
         def over_mesh(mesh: TriangleMesh) -> Floats:
-            parts = [part for chains in detections for part in chains.at_wavelengths(mesh)]
-            return np.array([[part.shifts for part in parts], [part.direct for part in parts]])
+            by_chains = (c.at_wavelengths(mesh, per_lamp=campaign.per_lamp) for c in detections)
+            parts = [part.with_lamps for gains in by_chains for part in gains]
+            shifts = [np.concatenate([part.shifts for part in parts_of]) for parts_of in parts]
+            direct = [np.concatenate([part.direct for part in parts_of]) for parts_of in parts]
+            return np.array([shifts, direct])
 
         return over_mesh
 
@@ -482,7 +501,7 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
         over_mesh = gains(links)
         return lambda i: over_mesh(mesh(i))
     # ends that only tilt share one mesh and, where chains serve neighbours, one set of chains
-    shared_mesh = widest and not campaign.spectral
+    shared_mesh = widest and not campaign.spectral and not campaign.per_lamp
     if not shared_mesh or not all(
         isinstance(chains, ForcedDetection) and chains.serves_neighbours
         for chains in campaign.detections(links, typical)
@@ -509,7 +528,8 @@ def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh)
     assert isinstance(run.estimator, Analog)
     photons = run.photons // SHIFTS
     # 32 disjoint ranges of photons give the error, as the 32 shifts of chains do
-    gains = np.empty((len(links), len(links[0].receivers), SHIFTS))
+    record = [Arrivals()] if campaign.per_lamp else []
+    gains = np.empty((len(links), campaign.columns, SHIFTS))
     for i, link in enumerate(links):
         for shift in range(SHIFTS):
             first = run.estimator.first_photon + shift * photons
@@ -520,8 +540,11 @@ def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh)
                 photons=photons,
                 seed=run.seed,
                 normals=campaign.meshing.normals,
+                record=record,
             )
-            gains[i, :, shift] = sums.score[: len(link.receivers)] / photons
+            total = sums.score[: len(link.receivers)] / photons
+            pairs = [groups_by_lamp(sums, run.seed, link).mean(axis=-1).ravel()] if record else []
+            gains[i, :, shift] = np.concatenate([total, *pairs])
     return np.array([gains, np.full_like(gains, np.nan)])
 
 

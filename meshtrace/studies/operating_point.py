@@ -6,16 +6,17 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from meshtrace.comms.background import widest_filter_nm, with_background
 from meshtrace.comms.budget import ber_of_gains, bootstrapped_mean, link_budget, required_gain
 from meshtrace.comms.capacity import Capacity, capacity
-from meshtrace.comms.devices import photon_energy
+from meshtrace.comms.combining import Combining, combined_ber, equivalent_gain
+from meshtrace.comms.devices import OpticalFrontEnd, photon_energy
 from meshtrace.comms.ook import OokLink
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused
 from meshtrace.fading import Estimate, effective_samples
 from meshtrace.fading.distribution import wilson_interval
 from meshtrace.link import Link
@@ -29,6 +30,8 @@ from meshtrace.uav import Flight, TiltFactors
 
 _RESAMPLES = 1000
 _QUANTILES = 500  # that stand for the law of the gain in the capacity
+Expose = Callable[[OokLink], OokLink]
+"""Adds the background light of a receiver to its transmission."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +47,45 @@ class FadingSamples:
         where the gains contain the tilt.
     n_effective : float
         Number of independent samples.
+    array : Array, optional
+        Several receivers: the series then has their gains or, in one that `combined` returns, those
+        of the first receiver alone with the same reserve.
     """
 
     series: GainSeries
     tilt: TiltFactors
     n_effective: float
+    array: Array | None = None
+
+    def combined(self, ook: OokLink, expose: Expose, limit: float) -> Self:
+        """Return the samples of one receiver in place of several, see `equivalent_gain`.
+
+        `expose` adds the background to the transmission of each receiver.
+        """
+        if self.array is None:
+            return self
+        gains = self.series.gain
+        links = self.array.links(ook, expose)
+        gain = equivalent_gain(links, gains, limit, self.array.combining)
+        # the errors of the receivers have the same chains: they add
+        mean = max(float(gains.mean(axis=0).sum()), 1e-300)
+        error = float(np.sum(self.series.mean_stderr)) / mean
+        series = replace(
+            self.series, gain=gain, gain_stderr=error * gain, gain_ballistic=gain,
+            mean_stderr=error * float(gain.mean()),
+        )  # fmt: skip
+        return replace(self, series=series, array=self.array._replace(gains=gains))
+
+    def bers(self, ook: OokLink, expose: Expose, gains: Floats) -> Floats:
+        """Return the error rate at each of gains (n, m) over the seas."""
+        array = self.array
+        if array is None or array.gains is None:
+            return ber_of_gains(expose(ook), gains)
+        # tilts and errors scale the gains of all receivers alike
+        scale = np.divide(gains, self.series.gain[:, None], out=np.zeros_like(gains),
+                          where=self.series.gain[:, None] > 0.0)  # fmt: skip
+        each = scale[..., None] * array.gains[:, None]
+        return combined_ber(array.links(ook, expose), each, array.combining)
 
     @property
     def samples(self) -> Floats:
@@ -75,6 +112,36 @@ class FadingSamples:
         return Estimate(mean, max(mean - reach, 0.0), mean + reach)
 
 
+class Array(NamedTuple):
+    """Several receivers of one signal."""
+
+    optics: tuple[OpticalFrontEnd, ...]
+    combining: Combining
+    gains: Floats | None = None  # (seas, receivers)
+
+    def links(self, ook: OokLink, expose: Expose) -> list[OokLink]:
+        """Return the transmission to each receiver, under its background."""
+        return [expose(ook.replace(optics=optics)) for optics in self.optics]
+
+
+def array_of(link: Link, ook: OokLink, combining: Combining, needs_one_view: Any) -> Array | None:
+    """Return the receivers of a link as an array, None for a single one.
+
+    With a background or an aircraft they need one view: both are computed for the first of them.
+    """
+    n = len(link.receivers)
+    if n == 1:
+        return None
+    if needs_one_view:
+        places = {"position", "height", "depth", "radius"}
+        views = [end.model_dump(exclude=places) for end in link.receivers]
+        if any(view != views[0] for view in views):
+            allowed = "equal views and tilts, with daylight or an aircraft"
+            raise Refused("receiver", Described("receivers of different views"), allowed)
+    optics = [OokLink.of_link(link, ook, receiver=j).optics for j in range(n)]
+    return Array(tuple(optics), combining)
+
+
 _LEVEL = TiltFactors(np.ones(1), np.ones(1))
 
 
@@ -93,6 +160,8 @@ class Ensemble(NamedTuple):
         Wavelengths [nm] whose links have common paths; empty for the link alone.
     computed : dict
         Gains and responses at all wavelengths, which the ensembles of these share.
+    array : Array, optional
+        Several receivers and their combining.
     """
 
     campaign: Campaign
@@ -100,6 +169,7 @@ class Ensemble(NamedTuple):
     flight: Flight | None
     wavelengths_nm: tuple[float, ...] = ()
     computed: dict[tuple[str, float], Any] | None = None
+    array: Array | None = None
 
     def provenance(self) -> dict[str, Any]:
         """Return aircraft, wind and number of realizations as plain data."""
@@ -153,11 +223,11 @@ class Ensemble(NamedTuple):
             return FadingSamples(series, _LEVEL, n)
         seas = float(len(series.gain))
         if flight is None:
-            return FadingSamples(series, _LEVEL, seas)
+            return FadingSamples(series, _LEVEL, seas, self.array)
         if link.direction == "down":
             raise Refused("coupled", False, "True for an aircraft that tilts a lamp")
-        tilt = campaign.tilt_factors(flight, link.only_receiver.fov_deg)
-        return FadingSamples(series, tilt, seas)
+        tilt = campaign.tilt_factors(flight, link.receivers[0].fov_deg)
+        return FadingSamples(series, tilt, seas, self.array)
 
     def response(self, ook: OokLink, link: Link) -> MeanResponse | None:
         """Return the mean response of the channel over the first seas."""
@@ -243,20 +313,26 @@ def operating_point(
         dark, mean = dark.replace(response=seen.response), seen.rms_spread
         reach = quantile * seen.rms_spread_stderr
         spread = Estimate(mean, max(mean - reach, 0.0), mean + reach)
+
+    def expose(transmission: OokLink, scale: float = 1.0) -> OokLink:
+        if background is None:
+            return transmission
+        return with_background(transmission, background, scale)
+
+    samples = samples.combined(dark, expose, limit)
     gain = samples.mean_gain(quantile)
     power = Estimate(*dark.received_power(gain).tolist())
-    ook, widest = dark, math.nan
+    ook, widest = expose(dark), math.nan
     if background is not None:
-        ook = with_background(dark, background)
         widest = (
             widest_filter_nm(dark, background, power.value, limit) if power.value > 0.0 else 0.0
         )
-    ber = ber_of_samples(ook, samples, quantile, confidence, seed)
+    ber = ber_of_samples(dark, expose, samples, quantile, confidence, seed)
     if background is not None and background.radiance != 0.0 and ber.value != 0.0:
         # the error of the background joins the interval
         step = quantile * background.radiance_stderr / background.radiance
-        lights = [with_background(dark, background, max(1.0 + s, 0.0)) for s in (-step, step)]
-        rates = [_mean_ber(exposed, samples, samples.samples) for exposed in lights]
+        lights = [partial(expose, scale=max(1.0 + s, 0.0)) for s in (-step, step)]
+        rates = [_mean_ber(dark, light, samples, samples.samples) for light in lights]
         ber = _joined_rates(*ber, *rates)
     budget = link_budget(ook, gain, limit)
     # zeros are not dark: the extinction ratio of the lamp is finite
@@ -294,24 +370,26 @@ def _dispersion_db(ook: OokLink, limit: float) -> float:
 
 
 def ber_of_samples(
-    ook: OokLink, samples: FadingSamples, quantile: float, confidence: float, seed: int
-) -> Estimate:
+    ook: OokLink, expose: Expose, samples: FadingSamples, quantile: float, confidence: float,
+    seed: int,
+) -> Estimate:  # fmt: skip
     """Return the error rate, its intervals joined in the logarithm.
 
     The interval of the seas is a percentile bootstrap, stretched for correlated times.
     """
     middle, *shifted = _shifted(samples, quantile)
-    bers = samples.over_tilts(ber_of_gains(ook, middle))
+    bers = samples.over_tilts(samples.bers(ook, expose, middle))
     over_seas = bootstrapped_mean(bers, samples.n_effective, confidence, _RESAMPLES, seed)
     # the logarithm of no error has no interval
     if over_seas.value == 0.0:
         return over_seas
-    return _joined_rates(*over_seas, *(_mean_ber(ook, samples, gains) for gains in shifted))
+    at_shifts = (_mean_ber(ook, expose, samples, gains) for gains in shifted)
+    return _joined_rates(*over_seas, *at_shifts)
 
 
-def _mean_ber(ook: OokLink, samples: FadingSamples, gains: Floats) -> float:
+def _mean_ber(ook: OokLink, expose: Expose, samples: FadingSamples, gains: Floats) -> float:
     """Return the error rate of gains (n, m), averaged over seas and tilts."""
-    return float(samples.over_tilts(ber_of_gains(ook, gains)).mean())
+    return float(samples.over_tilts(samples.bers(ook, expose, gains)).mean())
 
 
 def _equal_samples(samples: FadingSamples) -> Floats:

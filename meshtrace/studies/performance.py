@@ -15,6 +15,7 @@ from pydantic import Field
 from meshtrace.checks import ErrorRate, Probability, check_call
 from meshtrace.comms.background import DARK, name_of_light, warn_of_background, with_background
 from meshtrace.comms.budget import depth_at
+from meshtrace.comms.combining import Combining
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.comms.pulses import Eye
 from meshtrace.comms.response import SHORT, ChannelResponse
@@ -31,11 +32,12 @@ from meshtrace.results.series import ByWavelength, checked_wavelengths, spectral
 from meshtrace.scenario import Scenario
 from meshtrace.stored import Attribute, Columns, Elsewhere, Stacked, Stored, Variable, Variables
 from meshtrace.studies.background import background_over_seas, described, light_of
-from meshtrace.studies.campaign import campaign_of
+from meshtrace.studies.campaign import campaign_of, with_first
 from meshtrace.studies.operating_point import (
     Ensemble,
     FadingSamples,
     OperatingPoint,
+    array_of,
     operating_point,
 )
 from meshtrace.studies.series import closed_form
@@ -180,6 +182,10 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         if len(self.depths) > 1:
             lines += ["", self._range_heading, *self._range_lines()]
         water, *fading_lines = self._origin_lines()
+        if "combining" in self.provenance:
+            n, combining = len(self.provenance["link"]["receiver"]), self.provenance["combining"]
+            text = f"{n} receivers combined by {_COMBINED[combining]}; gains and powers are those"
+            lines += ["", f"{text} of the first alone with the same reserve"]
         lines += ["", water, f"background light: {self.light}", *self._filters(), *self._tilts()]
         lines += [*self._spreads(), *self._overloads(), *fading_lines, self.status]
         return "\n".join(lines)
@@ -314,6 +320,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         return super()._restored(data, provenance, parts)
 
 
+_COMBINED = {"selection": "selection", "equal": "equal gain", "maximal": "maximal ratio"}
 _FLOOR = 1e-15  # bit error rate below which texts say no more than that
 
 
@@ -445,6 +452,7 @@ class PerformanceOptions(StudyOptions, total=False):
     daylight: Daylight | None
     limit: float
     confidence: float
+    combining: Combining
 
 
 @spectral
@@ -461,6 +469,7 @@ def link_performance(
     daylight: Daylight | None = None,
     limit: ErrorRate = 1e-3,
     confidence: Probability = 0.95,
+    combining: Combining = "maximal",
     wavelengths_nm: ArrayLike | None = None,
     **run: Unpack[StudyOptions],
 ) -> LinkPerformance | ByWavelength[LinkPerformance]:
@@ -472,8 +481,8 @@ def link_performance(
     Parameters
     ----------
     link : Link or Scenario
-        The link, with one receiver. Bubbles and whitecaps are its own, see
-        `Link.in_wind`. A scenario also gives the sea, the receiver and the aircraft.
+        The link, with one receiver or several (see `combining`). Bubbles and whitecaps are its own,
+        see `Link.in_wind`. A scenario also gives the sea, the receiver and the aircraft.
     surface : SurfaceModel, optional
         The sea; by default that of the link's wind. A sea without random phases is taken once.
     bit_rate : float or sequence of float, optional
@@ -495,6 +504,8 @@ def link_performance(
         Largest bit error rate of a working link, before decoding. See `budget.FEC_LIMITS`.
     confidence : float
         Level of the intervals.
+    combining : {"selection", "equal", "maximal"}
+        How several receivers are combined, see `comms.combining.combined_ber`.
     wavelengths_nm : array_like, optional
         Wavelengths [nm], in place of that of the sources, with the gains of common paths (see
         `simulate`) and the light of the same model.
@@ -544,6 +555,11 @@ def link_performance(
     (`background`), with up to 16 tilts of a flight, whose error widens the intervals of the bit
     error rate; the flicker of glint within a sea does not.
 
+    Several receivers fade over the same seas, so that the correlation of their gains is that of the
+    waves. Bit error rates are those of the combined receivers. Gain, power, margin and outage are
+    those of the first receiver alone with the gain at which it would have their reserve at `limit`
+    (`comms.combining.equivalent_gain`), rates those at this gain.
+
     All depths use the same phases and random numbers, so that curves are smooth. Unless `waves` of
     the meshing says otherwise, meshes hold all waves that make the light fade at the first depth.
 
@@ -570,9 +586,10 @@ def link_performance(
         campaign = campaign.for_link(campaign.link, name)
         detector = getattr(campaign.scenario, "detector", None)
         electronics = (detector or "physical") if ook is None else ook
-        ooks = tuple(OokLink.of_link(campaign.link, electronics, rate) for rate in rates)
+        ooks = tuple(OokLink.of_link(campaign.link, electronics, rate, 0) for rate in rates)
         flown = campaign.flight(flight)
-        ensemble = Ensemble(campaign, realizations, flown, tuple(at_nm), computed)
+        array = array_of(campaign.link, ooks[0], combining, light_of(campaign, day) or flown)
+        ensemble = Ensemble(campaign, realizations, flown, tuple(at_nm), computed, array)
         links = _links(ooks[0].channel(campaign.link), depths)
         return _over_depths(ensemble, links, ooks, light_of(campaign, day), limit, confidence)
 
@@ -591,7 +608,7 @@ def _over_depths(
     fades = {depth: ensemble.samples(link) for depth, link in links.items()}
     backgrounds = _backgrounds(ensemble, links, day)
     # the response of the channel does not depend on the bit rate
-    means = {depth: ensemble.response(ooks[0], link) for depth, link in links.items()}
+    means = {depth: ensemble.response(ooks[0], with_first(link)) for depth, link in links.items()}
     points = [
         operating_point(
             ook, depth, samples, limit, confidence, seed, backgrounds[depth], means[depth]
@@ -612,6 +629,8 @@ def _over_depths(
         "daylight": day.model_dump(mode="json") if day else None,
         "responses": [response and response.model_dump(mode="json") for response in responses],
     }
+    if ensemble.array is not None:
+        provenance["combining"] = ensemble.array.combining
     provenance |= ensemble.provenance() | {"tilt_outage": shallowest.tilt.outage}
     return LinkPerformance(
         tuple(fades), ooks, tuple(points), tuple(fades.values()), limit, confidence,
@@ -645,7 +664,8 @@ def _backgrounds(
     for link in links.values():
         # the view of a receiver in the air does not depend on the depth of the lamp
         if link.receiver not in backgrounds:
-            inputs = ensemble.at(link), day, ensemble.n, ensemble.flight
+            alone = ensemble.at(with_first(link))
+            inputs = alone, day, ensemble.n, ensemble.flight
             backgrounds[link.receiver] = background_over_seas(*inputs)
     return {depth: backgrounds[link.receiver] for depth, link in links.items()}
 

@@ -20,6 +20,7 @@ from meshtrace.models import Floats
 from meshtrace.results.series import ByWavelength, GainSeries, spectral
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
+from meshtrace.stored import SHIFTS
 from meshtrace.studies.campaign import Campaign, Steps, campaign_of
 from meshtrace.studies.steering import axes_of, tracker_of, with_axes
 from meshtrace.uav import Flight, Route
@@ -37,6 +38,7 @@ def time_series(
     flight: Flight | None = None,
     route: Route | None = None,
     wavelengths_nm: ArrayLike | None = None,
+    per_lamp: bool = False,
     **run: Unpack[StudyOptions],
 ) -> GainSeries | ByWavelength[GainSeries]:
     """Return the gain over a moving sea, by forced detection with one set of chains.
@@ -57,6 +59,8 @@ def time_series(
         Waypoints of the receiver, or the lamp of a downlink, whose own position they replace.
     wavelengths_nm : array_like, optional
         Wavelengths in vacuum [nm], in place of that of the sources. See `simulate`.
+    per_lamp : bool
+        Whether the result also has the gains by lamp, from the same samples.
     **run
         Options of the run, see `StudyOptions`.
 
@@ -102,7 +106,7 @@ def time_series(
         surface, times = None, surface
     campaign = campaign_of(
         link, surface, "time_series", run, fading=True, analog=True, wavelengths_nm=wavelengths_nm
-    )
+    )._replace(per_lamp=per_lamp)
     at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
     flight = flight and flight.checked()
     # one time of a mesh contradicts many
@@ -128,6 +132,7 @@ def ensemble(
     surface: SurfaceModel | None = None,
     *,
     wavelengths_nm: ArrayLike | None = None,
+    per_lamp: bool = False,
     **run: Unpack[StudyOptions],
 ) -> GainSeries | ByWavelength[GainSeries]:
     """Return the gains over independent realizations of a sea.
@@ -142,6 +147,8 @@ def ensemble(
         The sea; by default that of the wind of the link's bubbles or whitecaps, or of 5 m/s.
     wavelengths_nm : array_like, optional
         Wavelengths in vacuum [nm], in place of that of the sources. See `simulate`.
+    per_lamp : bool
+        Whether the result also has the gains by lamp, from the same samples.
     **run
         Options of the run, see `StudyOptions`.
 
@@ -160,7 +167,7 @@ def ensemble(
     """
     campaign = campaign_of(
         link, surface, "ensemble", run, fading=True, analog=True, wavelengths_nm=wavelengths_nm
-    )
+    )._replace(per_lamp=per_lamp)
     if campaign.spectral:
         return by_wavelength(campaign, campaign.realizations(realizations))
     return _beside_closed_form(campaign, over_realizations(campaign, realizations))
@@ -253,10 +260,11 @@ def gain_series(
     names = list(campaign.links)
     name = name or names[0]
     link = campaign.links[name]
+    n = len(link.receivers)
     # a list of one receiver keeps its dimension
-    receivers = slice(None) if isinstance(link.receiver, tuple) else 0
+    receivers = slice(n) if isinstance(link.receiver, tuple) else 0
     gain, direct = gains[:, names.index(name), :, receivers]
-    return GainSeries(
+    series = GainSeries(
         steps.along,
         steps.labels,
         gain.mean(axis=-1),
@@ -264,4 +272,14 @@ def gain_series(
         direct.mean(axis=-1),
         error_of_groups(gain.mean(axis=0), -1)[()],
         campaign.provenance(link),
+    )
+    if not campaign.per_lamp:
+        return series
+    # columns: receivers, then pairs
+    pairs = gains[0, names.index(name), :, n:].reshape(len(gain), -1, n, SHIFTS)
+    return replace(
+        series,
+        gain_by_lamp=pairs.mean(axis=-1),
+        gain_by_lamp_stderr=error_of_groups(pairs, -1),
+        gain_by_lamp_groups=pairs.mean(axis=0),
     )

@@ -9,14 +9,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from mc_statistics import ALPHA, z_test
+from scipy.special import ndtr
 from scipy.stats import binom
 
 import meshtrace as mt
 from meshtrace.apps.designs import spots, study
+from meshtrace.apps.designs.lenses import diversity_gain
 from meshtrace.apps.designs.model import LinkModel, MeanGains, log_quantile
 from meshtrace.apps.designs.page import BestValue
 from meshtrace.errors import Refused
 from meshtrace.fading import gamma_gamma
+from meshtrace.fading.laws import probability_in_log
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.studies.neighbours import DECIBELS, error_of, without_each
 from meshtrace.surfaces import resolved_sea
@@ -86,6 +89,40 @@ def test_spots_of_a_tracked_beam_are_closed_forms(monkeypatch):
     # lamps that are no beams, and seas without a spectrum
     assert spots.tracked_spots(mt.Link(), sea) == ()
     assert spots.tracked_spots(link, mt.FlatSea()) == ()
+
+
+@pytest.mark.slow
+def test_two_receivers_have_a_line_of_the_budget(calm):
+    """Reserves are those of one, and what both gain together; best values follow the first."""
+    ends = "[[receiver]]\nfov_deg = 30.0\n[[receiver]]\nfov_deg = 30.0\nposition = [0.2, 0.0]\n"
+    text = CALM.replace("[receiver]\nfov_deg = 30.0\n", ends)
+    both = mt.design(mt.Scenario.from_toml(text), **SOME)
+    (line,) = (line for line in both.budget if line.name == "2 receivers together")
+    for light, most in (("night", 3.02), ("day", 3.02)):
+        gained = getattr(line, light)
+        assert 1.0 < gained < most
+        assert both.at(light).reserve - calm.at(light).reserve == pytest.approx(gained, abs=0.2)
+        mean = both.at(light).margin - calm.at(light).margin
+        assert mean == pytest.approx(gained, abs=0.3)
+    assert line.day < line.night, "behind background light signal-to-noise ratios add"
+    assert both.two_lenses == (), "without waves there is nothing to gain"
+
+
+@pytest.mark.parametrize("spread", [0.1, 0.5])
+def test_diversity_is_that_of_samples(spread):
+    """Two gains of one law with a Gaussian copula, by drawing them (1 % quantile: 3 sigma)."""
+    gain, rng = diversity_gain(spread, 0.01), np.random.default_rng(7)
+    assert gain(1.0) == 0.0
+    z = rng.standard_normal((2, 400_000))
+    z[1] = 0.5 * z[0] + math.sqrt(0.75) * z[1]
+    logs = np.linspace(-12.0, 8.0, 4001)
+    law = probability_in_log(spread)(logs)
+    gains = np.exp(spread * np.interp(ndtr(z), law, logs))
+    quantiles = [np.quantile(x, 0.01) for x in (gains.mean(axis=0), gains[0])]
+    drawn = DECIBELS * math.log(quantiles[0] / quantiles[1])
+    # error of ln q: (p (1 - p) / n)^(1/2) over the density p z of the logarithm there
+    error = DECIBELS * spread * math.sqrt(0.01 * 0.99 / 400_000) / 0.027 * 1.5
+    assert abs(gain(float(np.corrcoef(gains)[0, 1])) - drawn) < 4.0 * error
 
 
 def test_figures_are_those_of_a_performance(calm):
@@ -262,7 +299,7 @@ def test_the_greatest_bit_rate_is_found_where_lower_ones_do_not_close(closing, g
         at_rate=lambda period, rate, window: SimpleNamespace(
             rate=rate, required_power=lambda limit: 0.0
         ),
-        margin_db=lambda gain, ook, power: 1.0 if ook.rate <= edge else -1.0,
+        margin_db=lambda period, gain, ook, power: 1.0 if ook.rate <= edge else -1.0,
     )
     found = study._Study._bit_rate(fake, "night", [study.Scan(choice, rates, reserves)])
     if greatest is None:

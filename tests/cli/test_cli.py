@@ -192,7 +192,7 @@ def test_a_real_process_runs_and_fails(tmp_path):
 def test_interrupting_ends_with_one_line(monkeypatch):
     simulate = Scenario.simulate
 
-    def interrupted(self, progress=None, wavelengths_nm=None):
+    def interrupted(self, progress=None, wavelengths_nm=None, per_lamp=False):
         return simulate(self, lambda photons: signal.raise_signal(signal.SIGINT))
 
     monkeypatch.setattr(Scenario, "simulate", interrupted)

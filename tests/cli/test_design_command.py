@@ -39,7 +39,8 @@ def test_design_prints_a_page_and_writes_it(golden, tmp_path, monkeypatch, calm_
     assert scenario == mt.Scenario.load(path)
     assert callable(options.pop("progress"))
     expected = {"photons": 32, "realizations": 9, "outage": 0.01, "limit": 0.001}
-    assert options == {**expected, "over": None, "store": None, "workers": None}
+    expected |= {"combining": "maximal", "over": None, "store": None, "workers": None}
+    assert options == expected
     places = [text.index(part) for part in PARTS]
     assert places == sorted(places)
     page = mt.Design.load(out)

@@ -263,6 +263,10 @@ OTHER = {
     "studies.steer": {
         "link": mt.Link(transmitter=mt.GaussianBeam(tracker=mt.Tracker())), "times": [0.0],
     },
+    "fading.gain_correlation": {"surface": SEA, "distances": [0.1]},
+    "comms.combining.combined_ber": {"links": [mt.OokLink()], "gain": [1e-6]},
+    "comms.combining.equivalent_gain": {"links": [mt.OokLink()], "gain": [1e-6]},
+    "comms.combining.intensity_capacity": {"peak": [20.0]},
     "fading.scintillation_of_spectrum": {"surface": SEA},
     "comms.Tia.thermal_noise": {"electrons": 1e6},
     "comms.LedDriver.levels": {"value": 1e-9},

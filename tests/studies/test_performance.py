@@ -16,10 +16,11 @@ from meshtrace import fading
 from meshtrace.comms import ChannelResponse, LedDriver, OokLink, SiPM
 from meshtrace.comms.budget import required_gain
 from meshtrace.comms.capacity import capacity
+from meshtrace.comms.combining import combined_ber
 from meshtrace.results import GainSeries, impulse_response
 from meshtrace.scenario import Scenario
 from meshtrace.studies import LinkPerformance, operating_point
-from meshtrace.studies.operating_point import FadingSamples
+from meshtrace.studies.operating_point import FadingSamples, array_of
 from meshtrace.surfaces import FlatSea, JonswapSea, sea_in_wind
 from meshtrace.uav import TiltFactors, h_alpha
 
@@ -43,6 +44,48 @@ def steady(tilt_deg, wind_speed=13.0):
 def synthetic(gain, mean_stderr=0.0):
     n = len(gain)
     return GainSeries("realization", np.arange(n), gain, 0.0 * gain, gain, mean_stderr)
+
+
+# --- several receivers ---------------------------------------------------------------------
+
+
+def two(radius=0.05, fov_deg=60.0):
+    """Return a link with two receivers 0.4 m apart, the second of its own lens and view."""
+    second = mt.Receiver(position=(0.4, 0.0), radius=radius, fov_deg=fov_deg)
+    return mt.Link(transmitter=mt.Led(depth=45.0), receiver=[mt.Receiver(), second])
+
+
+@pytest.mark.parametrize("combining", ["selection", "equal", "maximal"])
+def test_combined_receivers_are_brute_force(combining):
+    """Error rate and outage over correlated fades and tilts, sample by sample."""
+    ook, link = OokLink.of_link(two(), receiver=0), two(radius=0.03)
+    links = [OokLink.of_link(link, ook, receiver=j) for j in range(2)]
+    z = np.random.default_rng(3).standard_normal((20, 2)) @ [[1.0, 0.5], [0.0, 0.8]]
+    gains = required_gain(ook, 1e-3) * np.exp(0.4 * z - 0.6)
+    gains[:, 1] *= 0.03**2 / 0.05**2  # of the smaller lens
+    tilt = TiltFactors(np.array([0.0, 0.8, 1.0]), np.array([0.1, 0.4, 0.5]))
+    series = GainSeries("realization", np.arange(20), gains, 0.0 * gains, gains, np.zeros(2))
+    samples = FadingSamples(series, tilt, 20.0, array_of(link, ook, combining, None))
+    point = operating_point.operating_point(ook, 45.0, samples, 1e-3, 0.95, 1)
+    bers = combined_ber(links, gains[:, None] * tilt.h[:, None], combining)
+    assert point.ber.value == pytest.approx(float((bers @ tilt.weight).mean()), rel=1e-6)
+    level = FadingSamples(series, TiltFactors(np.ones(1), np.ones(1)), 20.0, samples.array)
+    point = operating_point.operating_point(ook, 45.0, level, 1e-3, 0.95, 1)
+    missed = combined_ber(links, gains, combining) > 1e-3
+    assert 0 < missed.sum() < 20
+    assert point.outage.value == pytest.approx(missed.mean())
+
+
+def test_two_receivers_over_still_water():
+    """Shot noise dominates: the light of both counts; the page says how they are combined."""
+    options = {"photons": 128, "realizations": 2, "ook": OokLink(saturation=False)}
+    alone = mt.link_performance(two().replace("receiver", mt.Receiver()), FlatSea(), **options)
+    both = mt.link_performance(two(), FlatSea(), combining="equal", **options)
+    gained = both.at().margin_optical_db.value - alone.at().margin_optical_db.value
+    assert 2.5 < gained < 3.02
+    assert "2 receivers combined by equal gain" in both.summary()
+    with pytest.raises(ValueError, match="equal views"):
+        mt.link_performance(two(fov_deg=30.0), FlatSea(), daylight=mt.Daylight.night(), **options)
 
 
 # --- gains and ranges ----------------------------------------------------------------------
@@ -478,7 +521,11 @@ def test_the_response_is_that_of_the_chains():
         ({"depths": (-5.0, 5.0)}, "depth"),
         ({"surface": FlatSea(), "flight": mt.Flight()}, "flight.wind"),
         ({"sea": FlatSea()}, "sea: .*no such key"),
-        ({"link": mt.Link(receiver=(mt.Receiver(), mt.Receiver()))}, "receiver"),
+        ({"combining": "sum"}, "combining"),
+        (
+            {"link": mt.Link(receiver=[mt.Receiver()] * 2), "flight": mt.Flight(coupled=True)},
+            "receiver",
+        ),
         ({"link": mt.Link(transmitter=(mt.Led(), mt.Led())), "depths": (9.0,)}, "transmitter"),
         (
             {"link": at_depth(9.0, tilt_deg=5.0), "flight": mt.Flight(coupled=True)},

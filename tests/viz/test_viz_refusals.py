@@ -37,6 +37,8 @@ def sound(scene, calm_design, calm_availability):
     gain = 1e-5 * (1.0 + np.random.default_rng(5).random(6))
     times = 0.5 * np.arange(6.0)
     series = mt.GainSeries("time", times, gain, 0.01 * gain, gain, 1e-7)
+    both = np.stack([gain, gain[::-1]], axis=1)
+    two = mt.GainSeries("time", times, both, 0.01 * both, both, np.full(2, 1e-7))
     result = mt.simulate(LINK, FLAT, estimator="analog", photons=64, threads=1)
     mesh = FLAT.mesh(extent=3.0, spacing=1.0)
     paths = mt.trace_paths(LINK, FLAT, n=8, seed=1)
@@ -71,6 +73,7 @@ def sound(scene, calm_design, calm_availability):
         "plot_ber": curve("ber"),
         "plot_fates": {"result": result},
         "plot_gain_series": {"series": series},
+        "plot_correlation": {"series": two},
         "plot_gain_pdf": {"series": series, "fits": ["lognormal"], "bins": 3},
         "plot_gain_cdf": {"series": series, "fits": ["lognormal"], "n_effective": 5.0},
         "plot_autocorrelation": {"statistics": series.fading()},

@@ -16,10 +16,12 @@ from scipy.special import ndtr
 
 from meshtrace import Background, Flight
 from meshtrace.apps.candidates import Sample
-from meshtrace.apps.designs.page import DAY, NIGHT, PERIODS, Figures, Line
+from meshtrace.apps.designs.lenses import two_lenses
+from meshtrace.apps.designs.page import DAY, NIGHT, PERIODS, Figures, Line, TwoLenses
 from meshtrace.comms import ChannelResponse, OokLink
 from meshtrace.comms.background import with_background
 from meshtrace.comms.budget import link_budget
+from meshtrace.comms.combining import Combining
 from meshtrace.comms.response import SHORT
 from meshtrace.daylight import Daylight
 from meshtrace.fading.laws import probability_in_log
@@ -37,9 +39,14 @@ from meshtrace.studies.background import (
     described,
     mean_sea,
 )
-from meshtrace.studies.campaign import Campaign
+from meshtrace.studies.campaign import Campaign, with_first
 from meshtrace.studies.neighbours import DECIBELS, error_of, in_water, without_each
-from meshtrace.studies.operating_point import Ensemble, FadingSamples, operating_point
+from meshtrace.studies.operating_point import (
+    Ensemble,
+    FadingSamples,
+    array_of,
+    operating_point,
+)
 from meshtrace.studies.response import light_response, through_channel
 from meshtrace.uav import TiltFactors
 
@@ -181,19 +188,22 @@ class Need:
 class LinkModel:
     """Gains, backgrounds and required powers of a link and of its variations."""
 
-    def __init__(self, campaign: Campaign, outage: float, limit: float, seas: int) -> None:
+    def __init__(
+        self, campaign: Campaign, outage: float, limit: float, seas: int, combining: Combining
+    ) -> None:
         scenario = campaign.scenario
         assert isinstance(scenario, Scenario)
-        self.outage, self.limit = outage, limit
-        receiver = OokLink.of_link(campaign.link, scenario.detector or "physical")
-        self.link = receiver.channel(campaign.link)
+        self.outage, self.limit, first = outage, limit, with_first(campaign.link)
+        receiver = OokLink.of_link(first, scenario.detector or "physical")
+        self.link, self.whole = receiver.channel(first), receiver.channel(campaign.link)
+        self.array = array_of(campaign.link, receiver, combining, needs_one_view=True)
         self.campaign = campaign.for_link(self.link)
         self.means = MeanGains(self.campaign, seas)
         self.dark = through_channel(receiver, self.campaign._replace(progress=None), seas)
         self._response_is_computed = receiver.response is None and self.dark.response is not None
         uav = scenario.uav if self.link.direction == "up" else None
         self.flight = None if uav is None else Flight(uav)
-        self.ensemble = Ensemble(self.campaign, seas, self.flight)
+        self.ensemble = Ensemble(self.campaign, seas, self.flight, array=self.array)
         self.seas = seas if isinstance(campaign.surface, SeededSurface) else 1
         nm, day = self.link.transmitters[0].wavelength_nm, scenario.daylight
         night, day = Daylight.night(wavelength_nm=nm), checked_daylight(day, self.link)
@@ -214,14 +224,52 @@ class LinkModel:
         if self.flight is not None:
             share = f"{100.0 * self.fades.tilt.outage:.2g} % of them leave the field of view"
             remarks += [f"the tilts of the aircraft count as in link_performance; {share}"]
+        if self.array is not None:
+            text = "best values and reach are those of the first, with the gain of all as it is"
+            remarks += [f"{len(self.array.optics)} receivers: {text}"]
         return tuple(remarks)
 
     # ---- gains ------------------------------------------------------------------------------
 
     @cached_property
+    def _each(self) -> FadingSamples:
+        """Gains of all receivers of the given link, and tilt factors."""
+        return self.ensemble.samples(self.whole)
+
+    @cached_property
     def fades(self) -> FadingSamples:
-        """Gains and tilt factors of the given link."""
-        return self.ensemble.samples(self.link)
+        """Gains and tilt factors of the first receiver of the given link."""
+        each = self._each
+        if self.array is None:
+            return each
+        series = each.series
+        names = "gain", "gain_stderr", "gain_ballistic"
+        first: dict[str, Any] = {name: getattr(series, name)[:, 0] for name in names}
+        series = replace(series, **first, mean_stderr=float(series.mean_stderrs[0]))
+        return replace(each, series=series, array=None)
+
+    @cache  # noqa: B019
+    def array_gain(self, period: str) -> float:
+        """Return ln of the gain of all receivers together over the first, at the outage."""
+        if self.array is None:
+            return 0.0
+        background = self.background_by(period)
+        both = self._each.combined(self.dark, lambda o: with_background(o, background), self.limit)
+        tilt = self.fades.tilt
+        all_together, first = (
+            log_quantile(samples.series.gain, tilt, self.outage) for samples in (both, self.fades)
+        )
+        return all_together - first if math.isfinite(first) else 0.0
+
+    def two_lenses(self) -> tuple[TwoLenses, ...]:
+        """Return what a second lens would gain by diversity, against its distance."""
+        gains = self.fades.series.gain
+        logs = np.log(gains[gains > 0.0])
+        spread = float(logs.std(ddof=1)) if logs.size > 1 else 0.0
+        # without fading there is nothing to gain
+        if spread < 1e-3:
+            return ()
+        return two_lenses(self.link, self.campaign.surface, spread, self.outage)
 
     @cached_property
     def sample(self) -> Sample:
@@ -363,7 +411,8 @@ class LinkModel:
             fov,
             optics.filter_width_nm if width is None else width,
         )
-        return self.margin_db(log_ratio + self.quantile(fov), ook, self.needed(period, ook, bright))
+        need = self.needed(period, ook, bright)
+        return self.margin_db(period, log_ratio + self.quantile(fov), ook, need)
 
     def needed(self, period: str, ook: OokLink, brightness: float = 1.0) -> float:
         """Return the required power [W] for a background scaled by `brightness`."""
@@ -379,11 +428,12 @@ class LinkModel:
             ook = ook.replace("response.angle_deg", seen)
         return ook
 
-    def margin_db(self, log_gain: float, ook: OokLink, need: float) -> float:
-        """Return the margin of a gain over the required one [dB]."""
+    def margin_db(self, period: str, log_gain: float, ook: OokLink, need: float) -> float:
+        """Return the margin of a gain of the first receiver over the required one [dB]."""
         # a closed eye, or no light: no number of decibels opens it
         if math.isinf(need) or math.isinf(log_gain):
             return -math.inf
+        log_gain += self.array_gain(period)
         return DECIBELS * (log_gain + math.log(float(ook.received_power(1.0)) / need))
 
     def at_rate(self, period: str, bit_rate: float, window: float | None = None) -> OokLink:
@@ -422,19 +472,19 @@ class LinkModel:
         receiver = with_background(dark, seen)
         log_ratio -= self.pulse_loss(period, self.link, link.water)
         gain = log_ratio + self.quantile(link.only_receiver.fov_deg)
-        return self.margin_db(gain, receiver, receiver.required_power(self.limit))
+        return self.margin_db(period, gain, receiver, receiver.required_power(self.limit))
 
     def figures(self, period: str) -> Figures:
         """Return the figures of the given link, as in `link_performance`."""
         background, seed = self.background_by(period), self.campaign.run.seed
         point = operating_point(
-            self.dark, self.link.depth, self.fades, self.limit, 0.95, seed, background
+            self.dark, self.link.depth, self._each, self.limit, 0.95, seed, background
         )
         receiver = with_background(self.dark, background)
         return Figures(
             period, described(receiver, background), point.outage, point.ber,
             point.margin_optical_db.value,
-            self.margin_db(self.quantile(self.link.only_receiver.fov_deg), self.dark,
+            self.margin_db(period, self.quantile(self.link.only_receiver.fov_deg), self.dark,
                         self.need(period).exact),
             _error_db(self.quantile_stderr, background), point.capacity.hard,
         )  # fmt: skip
@@ -466,6 +516,11 @@ class LinkModel:
         fade = DECIBELS * (self.quantile(self.link.only_receiver.fov_deg) - math.log(leaned))
         name, error = f"fading at an outage of {100.0 * self.outage:g} %", self.quantile_stderr
         lines.append(_same(name, fade, DECIBELS * error))
+        if self.array is not None:
+            by_night, by_day = (DECIBELS * self.array_gain(period) for period in PERIODS)
+            name = f"{len(self.array.optics)} receivers together"
+            lines.append(Line(name, "dB", by_night, by_day))
+            night, day = night + by_night, day + by_day
         lines.append(Line("reserve", "dB", night + fade, day + fade, total=True))
         return tuple(lines)
 
@@ -541,7 +596,7 @@ class LinkModel:
         if self.spreads:
             dark = dark.replace(response=self.response(link))
         need = with_background(dark, background).required_power(self.limit)
-        return self.margin_db(log, dark, need), _error_db(error, background)
+        return self.margin_db(period, log, dark, need), _error_db(error, background)
 
 
 def _error_db(log_error: float, background: Background) -> float:

@@ -117,6 +117,31 @@ class Reach(NamedTuple):
     note: str = ""
 
 
+class TwoLenses(NamedTuple):
+    """Diversity gain of two lenses in place of one, at a distance.
+
+    Attributes
+    ----------
+    direction : str
+        "along the wind" or "across the wind".
+    distance : float
+        Distance of their centres [m].
+    correlation : float
+        Correlation of the unscattered gains [1], `fading.gain_correlation`.
+    diversity_db : float
+        Power that the outage needs less than with one gain of the same mean light [dB].
+    enough : float
+        Distance in this direction from which on the diversity gain is 90 % of that of independent
+        lenses [m]; nan beyond the distances of the table.
+    """
+
+    direction: str
+    distance: float
+    correlation: float
+    diversity_db: float
+    enough: float
+
+
 class Line(NamedTuple):
     """Line of the budget.
 
@@ -172,6 +197,9 @@ class Design(Stored, kind="design", title="meshtrace design"):
         Versions and configuration.
     spots : tuple of TrackedSpot
         Wander that a tracker leaves of a beam; none for a link without a beam.
+    two_lenses : tuple of TwoLenses
+        What a second lens gives back of the fading, against its distance; empty where the
+        correlation has no closed form.
     """
 
     outage: float
@@ -187,6 +215,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
     status: str = ""
     provenance: dict[str, Any] = field(default_factory=dict)
     spots: tuple[TrackedSpot, ...] = ()
+    two_lenses: tuple[TwoLenses, ...] = ()
 
     def at(self, light: str) -> Figures:
         """Return the figures by "night" or by "day"."""
@@ -296,6 +325,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
             ("BUDGET", "", self._budget_table()),
             *([("WHICH SPOT, WHICH LATENCY", "", *spot_lines(self.spots, self.outage))]
               if self.spots else []),
+            *((("TWO LENSES", "", *self._lenses_lines()),) if self.two_lenses else ()),
             ("WATER AND NOTES", "", f"water: {water_of(self.provenance)}", *self.notes,
              self.status),
         ]  # fmt: skip
@@ -343,6 +373,27 @@ class Design(Stored, kind="design", title="meshtrace design"):
         notes = [f"depth by {r.light}: {r.note}" for r in self.reach
                  if r.key.endswith(".depth") and r.note]  # fmt: skip
         return [text_table(_by_key(self.reach, cell), ("key", "given", *PERIODS)), *notes]
+
+    def _lenses_lines(self) -> list[str]:
+        """Return what a second lens gains along and across the wind, by the distance."""
+        by_direction: dict[str, list[TwoLenses]] = {}
+        for lens in self.two_lenses:
+            by_direction.setdefault(lens.direction, []).append(lens)
+        heads = ["apart [m]"]
+        for direction in by_direction:
+            heads += [f"correlation {direction}", "gained"]
+        lines = [
+            [f"{rows[0].distance:.3g}"]
+            + [cell for r in rows for cell in (f"{r.correlation:.3f}", f"{r.diversity_db:+.2f} dB")]
+            for rows in zip(*by_direction.values(), strict=True)
+        ]
+        apart = " and ".join(
+            f"{rows[0].enough:.2g} m {direction}" for direction, rows in by_direction.items()
+        )
+        return [
+            f"gained at an outage of {100.0 * self.outage:g} %, beside the light of a second lens",
+            f"90 % of what independent lenses gain: {apart}", "", text_table(lines, heads),
+        ]  # fmt: skip
 
     def _budget_table(self) -> str:
         lines = [

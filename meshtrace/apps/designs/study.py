@@ -17,6 +17,7 @@ from meshtrace.apps.designs.spots import tracked_spots
 from meshtrace.checks import ErrorRate, Probability, check_call
 from meshtrace.comms.background import filter_shift_nm
 from meshtrace.comms.capacity import capacity, hard_information
+from meshtrace.comms.combining import Combining
 from meshtrace.engine.setup.options import StudyOptions
 from meshtrace.errors import Described, Refused, require_keys
 from meshtrace.link import Link
@@ -52,6 +53,7 @@ def design(
     limit: ErrorRate = 1e-3,
     over: Bounds | None = None,
     realizations: Annotated[int, Field(ge=8, le=100_000)] = 64,
+    combining: Combining = "maximal",
     **run: Unpack[StudyOptions],
 ) -> Design:
     """Answer the questions of a system designer about a link on one page.
@@ -64,8 +66,9 @@ def design(
     Parameters
     ----------
     scenario : Scenario
-        The link with one receiver, its sea, detector ("physical" by default), aircraft and
-        daylight (a clear sky with the sun at a zenith angle of 30 deg by default).
+        The link with one receiver, or several of one view, its sea, detector ("physical" by
+        default), aircraft and daylight (a clear sky with the sun at a zenith angle of 30 deg by
+        default).
     outage : float
         Share of the time that may fail.
     limit : float
@@ -74,6 +77,8 @@ def design(
         Bounds of the best values by key, in place of the default ones.
     realizations : int
         Seas of the figures; links in a separate run have at most 16 of them.
+    combining : {"selection", "equal", "maximal"}
+        How several receivers are combined, see `comms.combining.combined_ber`.
     **run
         Options of the run, see `StudyOptions`: 512 chains by default.
 
@@ -102,6 +107,12 @@ def design(
     water with a spectrum. Lines of the budget add up to the reserve: the water's part is that of
     the light that reaches the receiver, by runs without scattering, with and without absorption.
 
+    Several receivers count as the first of them, with a line of the budget for what all together
+    gain over it; best values and reach are those of the first with that gain. The table of two
+    lenses states what a second one, whose counts add, would gain by diversity: correlations are
+    those of `fading.gain_correlation`, and the law of ln g that of the quantile q, with a Gaussian
+    copula.
+
     Examples
     --------
     >>> import meshtrace as mt
@@ -116,7 +127,8 @@ def design(
     campaign_of(scenario, None, "design", options, several=False).require_change_of_sides()
     campaign = campaign_of(scenario, None, "design", options, fading=True, several=False)
     with campaign.workers():
-        return _page(_Study(campaign, outage, limit, realizations), campaign, over)
+        study = _Study(campaign, outage, limit, realizations, combining)
+        return _page(study, campaign, over)
 
 
 def _page(study: _Study, campaign: Campaign, ranges: Bounds | None) -> Design:
@@ -132,8 +144,9 @@ def _page(study: _Study, campaign: Campaign, ranges: Bounds | None) -> Design:
         *(partial(study.scans, key, bounds[key]) for key in alone),
         *(partial(study.figures, period) for period in PERIODS),
         study.budget,
+        study.two_lenses,
     )
-    *scans_alone, by_night, by_day, budget = others
+    *scans_alone, by_night, by_day, budget, lenses = others
     by_key |= dict(zip(alone, scans_alone, strict=True))
     scans = [scan for key in bounds for scan in by_key[key]]
     reach = [
@@ -152,6 +165,7 @@ def _page(study: _Study, campaign: Campaign, ranges: Bounds | None) -> Design:
         scanned=np.array([scan.values for scan in scans]),
         reserves=np.array([scan.reserves for scan in scans]),
         notes=study.notes(),
+        two_lenses=lenses,
         status=study.dark.status,
         spots=tracked_spots(campaign.link, campaign.surface, campaign.threads),
         provenance=campaign.provenance(campaign.link)
@@ -278,16 +292,18 @@ class _Study(LinkModel):
         self.windows[period] = np.log(nodes), np.array(shares)
         ooks = [self.at_rate(period, v, self.window_at(period, v)) for v in values.tolist()]
         # the search for the required power is costly, the reserve smooth: every other rate does
-        coarse = [self.margin_db(gain, ook, ook.required_power(self.limit)) for ook in ooks[::2]]
+        coarse = [
+            self.margin_db(period, gain, ook, ook.required_power(self.limit)) for ook in ooks[::2]
+        ]
         reserves = np.interp(np.log(values), np.log(values[::2]), coarse)
-        carried, shares_within_error = [], []
+        carried, shares_within_error, together = [], [], gain + self.array_gain(period)
         for ook in ooks:
             # at the quantile, then one standard error below and above it
-            powers = ook.received_power(np.exp(gain + error * np.array([0.0, -1.0, 1.0])))
+            powers = ook.received_power(np.exp(together + error * np.array([0.0, -1.0, 1.0])))
             share, *shares_at_ends = hard_information(ook.ber(powers)).tolist()
             if ook.levels(powers[0])[1] * ook.bit_time < _FEW_COUNTS:
                 # a Gaussian BER may claim more than the full counts carry: `capacity` bounds it
-                share = capacity(ook, [math.exp(gain)]).hard / ook.bit_rate
+                share = capacity(ook, [math.exp(together)]).hard / ook.bit_rate
             carried.append(share * ook.bit_rate)
             shares_within_error.append(shares_at_ends)
         # half of the difference in dB is the error; floors stand for a rate of 0
@@ -431,7 +447,7 @@ class _Study(LinkModel):
         def closes(log_rate: float) -> bool:
             rate = math.exp(log_rate)
             ook = self.at_rate(period, rate, self.window_at(period, rate))
-            return self.margin_db(gain, ook, ook.required_power(self.limit)) >= 0.0
+            return self.margin_db(period, gain, ook, ook.required_power(self.limit)) >= 0.0
 
         if not closes(low):
             return math.nan
@@ -481,9 +497,8 @@ class _Study(LinkModel):
             brightness = self.radiance(period, self.link.at_depth(depth))
             brightness /= self.radiance(period, self.link)
         pulse_loss = self.pulse_loss(period, self.link.at_depth(depth))
-        return self.margin_db(
-            log_quantile - pulse_loss, self.dark, self.needed(period, self.dark, brightness)
-        )
+        needed = self.needed(period, self.dark, brightness)
+        return self.margin_db(period, log_quantile - pulse_loss, self.dark, needed)
 
 
 def _nodes(key: str) -> NDArray[np.intp]:

@@ -10,7 +10,7 @@ import math
 from itertools import product
 
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.gains import Gains, shares_of, table_of
+from meshtrace.engine.gains import Gains, places_of, shares_of, table_of
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.options import Analog, Arrivals
 from meshtrace.link import Link
@@ -46,7 +46,7 @@ def largest_weight(link: Link, trough: float) -> float:
 
 def scattered_gains(
     link: Link, mesh: TriangleMesh, photons: int, seed: int, normals: str, threads: int,
-    record: bool = False,
+    record: bool = False, lamps: int = 1,
 ) -> Gains:  # fmt: skip
     """Return the gains of scattered light over a mesh, by analog photons that hit the receivers.
 
@@ -66,6 +66,8 @@ def scattered_gains(
         Threads; results do not depend on them.
     record : bool
         Whether every arrival is recorded.
+    lamps : int
+        Number of lamps of gains by pair, lamp after lamp; 1 for their sums.
     """
     # photons of less than half of the largest weight that can arrive cost as much, but bring less
     options = Analog(roulette=_ROULETTE * largest_weight(link, float(mesh.bounds[0, 2])))
@@ -76,8 +78,9 @@ def scattered_gains(
     )  # fmt: skip
     arrivals = sums.all_arrivals
     orders = int(arrivals["order"].max(initial=0)) + 1
-    gains = Gains.zeros(1, len(link.receivers), orders)
-    gains.add_arrivals(arrivals, arrivals["weight"][None], 0, photons)
+    gains = Gains.zeros(1, lamps * len(link.receivers), orders)
+    receiver = places_of(arrivals, seed, link, lamps, len(link.receivers))
+    gains.add_arrivals(arrivals, arrivals["weight"][None], 0, photons, receiver)
     if record:
         weight = arrivals["weight"] * shares_of(arrivals, photons)
         gains.table.append(table_of(arrivals, weight, 1.0, link))

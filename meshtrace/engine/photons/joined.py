@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.aimed import ROOTS, search_extent
 from meshtrace.engine.crossing import FLAT, ROOT
-from meshtrace.engine.gains import Gains, shares_of, table_of
+from meshtrace.engine.gains import Gains, places_of, shares_of, table_of
 from meshtrace.engine.photons.joined_walk import follow_joined
 from meshtrace.engine.photons.targets import (
     JOINED_PHOTON,
@@ -153,21 +153,24 @@ class JoinedPhotons:
         Refused
             If the mesh overhangs.
         """
-        (gains,) = self._evaluated(mesh, [self.link], UNTINTED, record)
+        (gains,) = self._evaluated(mesh, [self.link], UNTINTED, record, 1)
         return gains
 
     def at_wavelengths(
-        self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link], record: bool = False
-    ) -> list[Gains]:
+        self, mesh: TriangleMesh, tinting: Tinting, links: Sequence[Link], record: bool = False,
+        lamps: int = 1,
+    ) -> list[Gains]:  # fmt: skip
         """Return the gain of each link over a mesh, at the wavelengths of a tinting.
 
         Photons are those of the bases of the tinting in turn, refracted by the index of this link.
-        Bubbles that differ between the wavelengths need separate photons for each.
+        Bubbles that differ between the wavelengths need separate photons for each. With several
+        `lamps` gains are those of each pair, lamp after lamp.
         """
         if len(links) == 1 or tinting.follows:
             tinting = UNTINTED if len(links) == 1 else tinting
-            return self._evaluated(mesh, links, tinting, record)
-        return [self._in_water_of(link).evaluate(mesh, record) for link in links]
+            return self._evaluated(mesh, links, tinting, record, lamps)
+        each = (self._in_water_of(link) for link in links)
+        return [p._evaluated(mesh, [p.link], UNTINTED, record, lamps)[0] for p in each]
 
     def _in_water_of(self, link: Link) -> JoinedPhotons:
         """Return the same photons in the water of another link, but for its index."""
@@ -184,7 +187,7 @@ class JoinedPhotons:
         return photons_at
 
     def _evaluated(
-        self, mesh: TriangleMesh, links: Sequence[Link], tinting: Tinting, record: bool
+        self, mesh: TriangleMesh, links: Sequence[Link], tinting: Tinting, record: bool, lamps: int
     ) -> list[Gains]:
         ends.require_height_field(mesh)
         frame, bases = arrays.frame_of(self.link), [self]
@@ -192,7 +195,8 @@ class JoinedPhotons:
         if tinting.bases:
             bases = [self._in_water_of(links[i]) for i in tinting.bases]
         intersector = EmbreeIntersector(frame.mesh(mesh), 1)
-        gains = Gains.zeros(len(tinting.shares), len(self.link.receivers), _ORDERS)
+        n = len(self.link.receivers)
+        gains = Gains.zeros(len(tinting.shares), lamps * n, _ORDERS)
         tables = [list[ArrivalTally]() for _ in links]
         for run in self._runs(frame):
             worlds = list[JoinedWorld]()
@@ -200,8 +204,14 @@ class JoinedPhotons:
                 worlds.append(base._world(frame, intersector, run))
             # targets of a backward run are lamps, whose scores all add to its one receiver
             receivers = run.receivers if run.start is None else run.receivers * len(run.targets)
-            for sums, arrivals, weights in self._follow(worlds, intersector, tinting, record):
-                gains.add(sums, receivers)
+            places = receivers
+            if lamps > 1:
+                places = [k * n + r for k in range(lamps) for r in run.receivers]
+            launched = lamps if run.start is None else 1  # lamps from which photons start
+            for sums, arrivals, weights in self._follow(
+                worlds, intersector, tinting, record, launched
+            ):
+                gains.add(sums, places)
                 if not record:
                     continue
                 arrivals["receiver"] = np.array(receivers)[arrivals["receiver"]]
@@ -371,8 +381,9 @@ class JoinedPhotons:
         intersector: EmbreeIntersector,
         tinting: Tinting,
         record: bool,
+        lamps: int,
     ) -> Iterator[tuple[Gains, NDArray[np.void], Floats]]:
-        """Yield (sums by target, arrivals, weights) of consecutive photons of a run.
+        """Yield (sums by lamp and target, arrivals, weights) of consecutive photons of a run.
 
         Weights are (wavelengths, arrivals); both are empty unless they are recorded. Blocks of
         `BLOCK` photons belong to the bases in turn; they are split further for many targets.
@@ -415,8 +426,9 @@ class JoinedPhotons:
             arrivals = block.arrivals[: block.n_arrivals[0]]
             factors = tinting.mixed(arrivals["tint"], base, numbers / self.photons, importance)
             factors *= arrivals["weight"]
-            sums = Gains.zeros(len(factors), n, _ORDERS)
-            sums.add_arrivals(arrivals, factors, first, last - first)
+            sums = Gains.zeros(len(factors), lamps * n, _ORDERS)
+            place = places_of(arrivals, self.seed, self.link, lamps, n)
+            sums.add_arrivals(arrivals, factors, first, last - first, place)
             return (sums, arrivals, factors) if record else (sums, arrivals[:0], factors[:, :0])
 
         return ordered_map(follow, spans, self._threads)

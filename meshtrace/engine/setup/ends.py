@@ -98,6 +98,10 @@ class ForcedLink(NamedTuple):
         """Return the index of the receiver of a pair."""
         return emitter if self.down else target
 
+    def lamp(self, emitter: int, target: int) -> int:
+        """Return which of the two indices of a pair is that of the source."""
+        return target if self.down else emitter
+
     @property
     def stands_for_receivers(self) -> NDArray[np.intp]:
         """Index of the representative of each receiver, (receivers,): itself in a downlink."""
@@ -105,7 +109,7 @@ class ForcedLink(NamedTuple):
 
     def share(self, emitter: int, target: int) -> float:
         """Return the share of the total power that the source of a pair emits."""
-        return float(self.power[target if self.down else emitter])
+        return float(self.power[self.lamp(emitter, target)])
 
     def by_receiver(self, values: Floats) -> Floats:
         """Return (receivers,) sums of values (emitters, targets), weighted by the power shares."""

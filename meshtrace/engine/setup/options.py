@@ -227,6 +227,7 @@ class SimulateOptions(Shortcuts, total=False):
     threads: int | None
     record: Iterable[Record]
     progress: Callable[[int], None] | None
+    per_lamp: bool
 
 
 class RunOptions(TypedDict, total=False):
