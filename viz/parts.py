@@ -267,7 +267,8 @@ def add_bodies(scene: ScenePlotter, link: Link) -> ScenePlotter:
         haze = _HAZE * _darkness(scene, solid.points)
         tint = color + haze * (np.array(to_rgb(DEEP_COLORS[0])) * (1.0 - haze) - color)
         solid.point_data["tint"] = np.rint(255.0 * tint).astype(np.uint8)
-        scene.add_mesh(solid, scalars="tint", rgb=True, ambient=0.25, specular=0.1)
+        look: dict[str, Any] = {"ambient": 0.25, "specular": 0.1}
+        scene.add_mesh(solid, name=f"body_{i}", scalars="tint", rgb=True, **look)
         name = "body" if body.reflection == "lambert" else f"{body.reflection} body"
         scene.key[name] = BODY_COLORS[body.reflection]
     return scene

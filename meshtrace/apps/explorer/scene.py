@@ -81,8 +81,8 @@ class LiveScene:
     Attributes
     ----------
     parts : dict
-        All parts as the page takes them: "stage", "faces", "sea", "look", "link", "rays", "map",
-        "time".
+        All parts as the page takes them: "stage", "faces", "sea", "look", "link", "bodies", "rays",
+        "map", "time".
     stage : Stage
         Box that is shown.
     """
@@ -120,6 +120,7 @@ class LiveScene:
                                 "bottom": stage.bottom, "framing": self._framing})  # fmt: skip
             self._set("look", self._look(state, mesh))
             self._set("link", _link(state.scenario.link, stage))
+            self._set("bodies", _bodies(state.scenario.link, stage))
 
     def frame_anew(self) -> None:
         """Reset the camera at the next link."""
@@ -355,6 +356,19 @@ def _link(link: Link, stage: Stage) -> dict[str, Any]:
         "norm": scale * _strength(link.transmitters[0]),
         "colors": {name: to_rgb(color) for name, color in colors.items()},
     }  # fmt: skip
+
+
+def _bodies(link: Link, stage: Stage) -> list[dict[str, Any]]:
+    """Return corners (facets, 3, 3) of the facets of each body about the stage, and its colour."""
+    shown, reach = [], stage.half * np.array([-1.0, 1.0])
+    for body in link.bodies:
+        vertices, faces = body.triangles()
+        corners = vertices[faces]
+        middle = corners[..., :2].mean(axis=1) - stage.center
+        within = ((reach[0] <= middle) & (middle <= reach[1])).all(axis=1)
+        color = to_rgb(parts.BODY_COLORS[body.reflection])
+        shown.append({"bytes": corners[within].astype(np.float32).tobytes(), "color": color})
+    return shown
 
 
 def _strength(source: Source) -> float:
