@@ -49,6 +49,7 @@ _DUSK_TINT, _MOON_TINT, _DAY_TINT = (0.006, 0.009, 0.016), (0.02, 0.025, 0.036),
 _CLOUD_TINT = (0.5, 0.52, 0.56)
 _LEAST_INSIDE = (0.25, 0.32, 0.5)  # of the light in the water, which the eye would take time to see
 _MOST_INSIDE = 0.02  # share of it that turbid water returns: a beam is brighter
+_DIM = 0.6  # tuned: brightness of bodies, most of which lie in dark water
 _TEXELS = 256
 _NEW_FRAME = (0.6, 1.1)  # sizes of the stage, relative to that framed, that keep the camera
 _NEW_SQUARE = (0.75, 1.25)  # half-widths, relative to that of the present sea, that keep it
@@ -366,8 +367,9 @@ def _bodies(link: Link, stage: Stage) -> list[dict[str, Any]]:
         corners = vertices[faces]
         middle = corners[..., :2].mean(axis=1) - stage.center
         within = ((reach[0] <= middle) & (middle <= reach[1])).all(axis=1)
-        color = to_rgb(parts.BODY_COLORS[body.reflection])
-        shown.append({"bytes": corners[within].astype(np.float32).tobytes(), "color": color})
+        color = _DIM * np.array(to_rgb(parts.BODY_COLORS[body.reflection]))
+        facets = corners[within].astype(np.float32)
+        shown.append({"bytes": facets.tobytes(), "color": color.tolist()})
     return shown
 
 
