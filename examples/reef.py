@@ -53,26 +53,32 @@ def reef(facets: int) -> trimesh.Trimesh:
     return trimesh.util.concatenate([floor, *(head(*p, subdivisions) for p in places)])
 
 
-facets = int(sys.argv[1]) if len(sys.argv) > 1 else 80_000
-sea = SpectralSea(spectrum=mt.surfaces.Jonswap(wind_speed=5.0), seed=1)
-# light that comes back from the reef is weak: a wide lens shows it
-link = mt.Link(water=mt.Water(a=0.05, b=0.04), receiver=mt.Receiver(radius=0.5, fov_deg=180.0))
+def main() -> None:
+    """Compare the light of a lamp above the reef with that without it."""
+    facets = int(sys.argv[1]) if len(sys.argv) > 1 else 80_000
+    sea = SpectralSea(spectrum=mt.surfaces.Jonswap(wind_speed=5.0), seed=1)
+    # light that comes back from the reef is weak: a wide lens shows it
+    link = mt.Link(water=mt.Water(a=0.05, b=0.04), receiver=mt.Receiver(radius=0.5, fov_deg=180.0))
 
-with tempfile.TemporaryDirectory() as folder:
-    file = Path(folder) / "reef.ply"
-    reef(facets).export(file)
-    start = time.process_time()
-    # living corals are brown: a table of wavelength [nm] and albedo
-    corals = [(400.0, 0.05), (470.0, 0.08), (560.0, 0.14), (700.0, 0.3)]
-    body = mt.Body(file, albedo=corals, position=(0.0, 0.0, -12.5))
-    print(f"{body.n_facets} facets, read in {time.process_time() - start:.1f} CPU s")
-    down = link.replace("transmitter.zenith_deg", 180.0)
-    for name, case in (("lamp up", link), ("lamp down", down)):
-        for bodies in ((), (body,)):
-            start = time.process_time()
-            r = mt.simulate(
-                case.replace(objects=bodies), sea, estimator="analog", photons=1_000_000, seed=1
-            )
-            spent = time.process_time() - start
-            words = "with the reef" if bodies else "without it"
-            print(f"{name}, {words}: gain {r.gain:.3e} +- {r.gain_stderr:.1e}, {spent:.1f} CPU s")
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "reef.ply"
+        reef(facets).export(file)
+        start = time.process_time()
+        # living corals are brown: a table of wavelength [nm] and albedo
+        corals = [(400.0, 0.05), (470.0, 0.08), (560.0, 0.14), (700.0, 0.3)]
+        body = mt.Body(file, albedo=corals, position=(0.0, 0.0, -12.5))
+        print(f"{body.n_facets} facets, read in {time.process_time() - start:.1f} CPU s")
+        down = link.replace("transmitter.zenith_deg", 180.0)
+        for name, case in (("lamp up", link), ("lamp down", down)):
+            for bodies in ((), (body,)):
+                start = time.process_time()
+                r = mt.simulate(
+                    case.replace(objects=bodies), sea, estimator="analog", photons=1_000_000, seed=1
+                )
+                spent = time.process_time() - start
+                words = "with the reef" if bodies else "without it"
+                print(f"{name}, {words}: gain {r.gain:.3e} +- {r.gain_stderr:.1e}, {spent:.1f} CPU s")
+
+
+if __name__ == "__main__":
+    main()
