@@ -77,7 +77,8 @@ def main() -> None:
                 )
                 spent = time.process_time() - start
                 words = "with the reef" if bodies else "without it"
-                print(f"{name}, {words}: gain {r.gain:.3e} +- {r.gain_stderr:.1e}, {spent:.1f} CPU s")
+                gain = f"{r.gain:.3e} +- {r.gain_stderr:.1e}"
+                print(f"{name}, {words}: gain {gain}, {spent:.1f} CPU s")
 
 
 if __name__ == "__main__":

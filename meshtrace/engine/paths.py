@@ -193,7 +193,9 @@ def received_paths(
 _Drawn = tuple[list[float], list[Floats]]  # shares of the gain, and points (m, 3) of their paths
 
 
-def _chained(forced: ForcedDetection, mesh: TriangleMesh, n: int, rng: np.random.Generator) -> _Drawn:
+def _chained(
+    forced: ForcedDetection, mesh: TriangleMesh, n: int, rng: np.random.Generator
+) -> _Drawn:
     """Return up to n paths of each set of chains to the first receiver."""
     # chains without a scattering stand for unscattered light: its integral over the facets follows
     # no paths

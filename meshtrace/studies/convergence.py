@@ -598,7 +598,8 @@ def body_study(
         links[math.sqrt(areas.mean())] = base.replace(objects=bodies)
     sizes = descending("meshes", list(links))
     time = campaign.meshing.time
-    steps = Steps("realization", np.array(sizes), lambda i: (surface, time), [(links[size],) for size in sizes])
+    by_size = [(links[size],) for size in sizes]
+    steps = Steps("realization", np.array(sizes), lambda i: (surface, time), by_size)
     gains = campaign.gains(steps)[:, 0, :, receiver]  # (gain and unscattered part, sizes, shifts)
     unknown = np.full((1, len(sizes)), math.nan)
     if not gains[0].mean(axis=1).all():

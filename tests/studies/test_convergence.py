@@ -483,9 +483,7 @@ def test_shadow_of_a_sphere_by_its_facets():
     clear = mt.Link(water=mt.Water(a=0.0, b=0.0), transmitter=lamp, receiver=end)
     analog = Scenario.from_toml('[run]\nestimator = "analog"').replace(link=clear)
     few = {"photons": 32 * 2048, "seed": 1}
-    study = mt.body_study(
-        analog.replace(link=clear.replace(objects=body)), FlatSea(), balls, **few
-    )
+    study = mt.body_study(analog.replace(link=clear.replace(objects=body)), FlatSea(), balls, **few)
     assert (np.diff(study.values) < 0.0).all()
     fit = study.fits["vertex"]
     assert 1.7 < fit.order.value < 2.3
