@@ -260,15 +260,17 @@ def add_bodies(scene: ScenePlotter, link: Link) -> ScenePlotter:
     """Draw the part on the stage of every body of a link, darker below as the water is."""
     for i, body in enumerate(link.bodies, 1):
         scene.shown[f"body_{i}"] = body
-        solid = _within(to_pyvista(body), scene.stage.bounds, 3)
+        facets: Any = to_pyvista(body)
+        solid = _within(facets, scene.stage.bounds, 3)
         if not solid.n_cells:
             continue
-        color = np.array(to_rgb(BODY_COLORS[body.reflection]))
+        color, deep = (np.array(to_rgb(c)) for c in (BODY_COLORS[body.reflection], DEEP_COLORS[0]))
         haze = _HAZE * _darkness(scene, solid.points)
-        tint = color + haze * (np.array(to_rgb(DEEP_COLORS[0])) * (1.0 - haze) - color)
-        solid.point_data["tint"] = np.rint(255.0 * tint).astype(np.uint8)
-        look: dict[str, Any] = {"ambient": 0.25, "specular": 0.1}
-        scene.add_mesh(solid, name=f"body_{i}", scalars="tint", rgb=True, **look)
+        colors = color + haze * (deep * (1.0 - haze) - color)
+        solid.point_data["tint"] = np.rint(255.0 * colors).astype(np.uint8)
+        scene.add_mesh(
+            solid, name=f"body_{i}", scalars="tint", rgb=True, ambient=0.25, specular=0.1
+        )
         name = "body" if body.reflection == "lambert" else f"{body.reflection} body"
         scene.key[name] = BODY_COLORS[body.reflection]
     return scene

@@ -607,8 +607,8 @@ def body_study(
     recorded = {"facet_size": sizes, "body": body, "receiver": receiver}
     return ConvergenceStudy(
         "facet_size", np.array(sizes), (campaign.meshing.normals,), gains[None, 0, :, None],
-        gains[None, 1].mean(axis=2, keepdims=True), *[unknown] * 6, None, tolerance,
-        campaign.provenance(of_study=recorded),
+        gains[None, 1].mean(axis=2, keepdims=True), unknown, unknown, unknown, unknown, unknown,
+        unknown, None, tolerance, campaign.provenance(of_study=recorded),
     )  # fmt: skip
 
 
