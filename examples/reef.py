@@ -1,6 +1,6 @@
 """A coral reef under the paper's link: a mesh made here, as a file and as a body of the link.
 
-`python examples/reef.py FACETS` makes the reef of about that many facets, 20000 by default.
+`python examples/reef.py FACETS` makes the reef of about that many facets, 80000 by default.
 """
 
 import sys
@@ -39,39 +39,47 @@ def head(x: float, y: float, z: float, radius: float, subdivisions: int) -> trim
 
 
 def reef(facets: int) -> trimesh.Trimesh:
-    """Return a reef about z = 0 of about the given number of facets, half of them coral heads."""
-    n = max(int(np.sqrt(facets / 4.0)), 8)
+    """Return a reef about z = 0 of about the given number of facets, most of them coral heads."""
+    n = max(int(np.sqrt(facets / 8.0)), 8)
     axis = np.linspace(-HALF, HALF, n)
     height = 0.5 * bumps(n)
     floor = from_trimesh((axis, axis, height)).to_trimesh()
-    subdivisions = max(int(np.log(facets / 2.0 / 40.0 / 20.0) / np.log(4.0)), 0)
-    count = int(facets / 2.0 / (20 * 4**subdivisions))
+    # some 40 to 160 heads, of 20 facets times 4 a subdivision
+    subdivisions = max(int(np.log(0.75 * facets / 40.0 / 20.0) / np.log(4.0)), 0)
+    count = int(0.75 * facets / (20 * 4**subdivisions))
     i, j = rng.integers(0, n, (2, count))
-    sizes = 0.15 + 0.25 * rng.pareto(2.5, count).clip(max=3.0)
+    sizes = 0.2 + 0.4 * rng.pareto(2.5, count).clip(max=2.5)
     places = zip(axis[i], axis[j], height[i, j], sizes, strict=True)
     return trimesh.util.concatenate([floor, *(head(*p, subdivisions) for p in places)])
 
 
-facets = int(sys.argv[1]) if len(sys.argv) > 1 else 20_000
-sea = SpectralSea(spectrum=mt.surfaces.Jonswap(wind_speed=5.0), seed=1)
-# light that comes back from the reef is weak: a wide lens shows it
-link = mt.Link(water=mt.Water(a=0.05, b=0.04), receiver=mt.Receiver(radius=0.5, fov_deg=180.0))
+def main() -> None:
+    """Compare the light of a lamp above the reef with that without it."""
+    facets = int(sys.argv[1]) if len(sys.argv) > 1 else 80_000
+    sea = SpectralSea(spectrum=mt.surfaces.Jonswap(wind_speed=5.0), seed=1)
+    # light that comes back from the reef is weak: a wide lens shows it
+    link = mt.Link(water=mt.Water(a=0.05, b=0.04), receiver=mt.Receiver(radius=0.5, fov_deg=180.0))
 
-with tempfile.TemporaryDirectory() as folder:
-    file = Path(folder) / "reef.ply"
-    reef(facets).export(file)
-    start = time.process_time()
-    # living corals are brown: a table of wavelength [nm] and albedo
-    corals = [(400.0, 0.05), (470.0, 0.08), (560.0, 0.14), (700.0, 0.3)]
-    body = mt.Body(file, albedo=corals, position=(0.0, 0.0, -12.5))
-    print(f"{body.n_facets} facets, read in {time.process_time() - start:.1f} CPU s")
-    down = link.replace("transmitter.zenith_deg", 180.0)
-    for name, case in (("lamp up", link), ("lamp down", down)):
-        for bodies in ((), (body,)):
-            start = time.process_time()
-            r = mt.simulate(
-                case.replace(objects=bodies), sea, estimator="analog", photons=1_000_000, seed=1
-            )
-            spent = time.process_time() - start
-            words = "with the reef" if bodies else "without it"
-            print(f"{name}, {words}: gain {r.gain:.3e} +- {r.gain_stderr:.1e}, {spent:.1f} CPU s")
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "reef.ply"
+        reef(facets).export(file)
+        start = time.process_time()
+        # living corals are brown: a table of wavelength [nm] and albedo
+        corals = [(400.0, 0.05), (470.0, 0.08), (560.0, 0.14), (700.0, 0.3)]
+        body = mt.Body(file, albedo=corals, position=(0.0, 0.0, -12.5))
+        print(f"{body.n_facets} facets, read in {time.process_time() - start:.1f} CPU s")
+        down = link.replace("transmitter.zenith_deg", 180.0)
+        for name, case in (("lamp up", link), ("lamp down", down)):
+            for bodies in ((), (body,)):
+                start = time.process_time()
+                r = mt.simulate(
+                    case.replace(objects=bodies), sea, estimator="analog", photons=1_000_000, seed=1
+                )
+                spent = time.process_time() - start
+                words = "with the reef" if bodies else "without it"
+                gain = f"{r.gain:.3e} +- {r.gain_stderr:.1e}"
+                print(f"{name}, {words}: gain {gain}, {spent:.1f} CPU s")
+
+
+if __name__ == "__main__":
+    main()

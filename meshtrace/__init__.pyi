@@ -95,6 +95,7 @@ from .studies import LinkPerformance as LinkPerformance
 from .studies import Sensitivities as Sensitivities
 from .studies import background_series as background_series
 from .studies import band_limit_study as band_limit_study
+from .studies import body_study as body_study
 from .studies import compare as compare
 from .studies import convergence_study as convergence_study
 from .studies import coverage_map as coverage_map

@@ -28,6 +28,7 @@ from meshtrace.engine.paths import PhotonPaths
 from meshtrace.engine.photons.flight import Vertex
 from meshtrace.errors import Described, Refused
 from meshtrace.files import atomic
+from meshtrace.link import Body
 from meshtrace.mesh import TriangleMesh
 from meshtrace.results.series import CoverageMap
 
@@ -36,12 +37,12 @@ from .style import CHALK
 
 
 @singledispatch
-def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
-    """Return a surface, photon paths or a coverage map as a pyvista dataset.
+def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap | Body) -> pv.DataSet:
+    """Return a surface, photon paths, a coverage map or a body as a pyvista dataset.
 
     Parameters
     ----------
-    source : TriangleMesh, PhotonPaths or CoverageMap
+    source : TriangleMesh, PhotonPaths, CoverageMap or Body
         Result to show.
 
     Returns
@@ -50,7 +51,7 @@ def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap) -> pv.DataSet:
         For a surface: triangles with elevation [m], slopes and the exact normals at the points.
         For paths: lines with weight and events at the points, and with the photon and the final
         event of each line. For a map: cells with gain and its standard error, at the height of the
-        receiver.
+        receiver. For a body: triangles where the body is.
 
     Raises
     ------
@@ -104,6 +105,12 @@ def _(source: CoverageMap) -> pv.ImageData:
     return data
 
 
+@to_pyvista.register
+def _(source: Body) -> pv.PolyData:
+    vertices, faces = source.triangles()
+    return pv.PolyData.from_regular_faces(vertices, faces.astype(int))
+
+
 def _height(source: CoverageMap) -> float:
     """Return the height of the first receiver of the map [m], 0 if the map has none."""
     receivers = source.provenance.get("link", {}).get("receiver", [])
@@ -133,15 +140,16 @@ _XML: dict[type[pv.DataSet], Any] = {
 _SUFFIXES = {pv.PolyData: (".vtp", ".vtu", ".ply", ".stl"), pv.ImageData: (".vti",)}
 
 
-def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path) -> Path:
-    """Write a surface, photon paths or a coverage map as a file for ParaView.
+def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap | Body, path: str | Path) -> Path:
+    """Write a surface, photon paths, a coverage map or a body as a file for ParaView.
 
     Parameters
     ----------
-    source : TriangleMesh, PhotonPaths or CoverageMap
+    source : TriangleMesh, PhotonPaths, CoverageMap or Body
         Result to write; its arrays are those of `to_pyvista`.
     path : path
-        File: .vtp or .vtu for surfaces and paths (surfaces also .ply, .stl), .vti for maps.
+        File: .vtp or .vtu for surfaces, paths and bodies (also .ply, .stl without paths), .vti for
+        maps.
 
     Returns
     -------
@@ -173,14 +181,15 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap, path: str | Path)
 
 
 def export_scene(scene: ScenePlotter, folder: str | Path) -> list[Path]:
-    """Write the surface, paths and map of a scene as files for ParaView.
+    """Write the surface, bodies, paths and map of a scene as files for ParaView.
 
     Parameters
     ----------
     scene : ScenePlotter
         Drawing to export.
     folder : path
-        Folder, created if missing: surface.vtp, paths.vtp, received.vtp, map.vti.
+        Folder, created if missing: surface.vtp, body_1.vtp and so on, paths.vtp, received.vtp,
+        map.vti.
 
     Returns
     -------

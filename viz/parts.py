@@ -1,4 +1,4 @@
-"""The parts of a link in a scene: sea, bubbles, sources, receivers and the aircraft."""
+"""The parts of a link in a scene: sea, bubbles, bodies, sources, receivers and the aircraft."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ DEEP_COLORS = ("#2F7F9E", "#061726")
 """Colours of the block of water in a scene, at the surface and in the dark below."""
 
 _AIRCRAFT_COLOR = "#9AA6B2"
-BODY_COLOR = "#B7AA96"
-"""Colour of the bodies of a link."""
+BODY_COLORS = {"lambert": "#B7AA96", "mirror": "#DDE5EC", "black": "#30343A"}
+"""Colours of the bodies of a link, by the way they reflect."""
 LIGHT_COLOR = "#BFF3FF"
 """Colour of a beam in the water."""
 
@@ -148,15 +148,15 @@ def _add_water(
     shade()
 
 
-def _within(data: pv.PolyData, bounds: Any) -> pv.PolyData:
-    """Cut a surface at the sides of the stage, beyond which a choppy sea reaches."""
+def _within(data: pv.PolyData, bounds: Any, axes: int = 2) -> pv.PolyData:
+    """Cut facets at the sides of the stage, beyond which a choppy sea reaches; of 3 axes all."""
     # bounds: x0, x1, y0, y1, z0, z1
-    for i, normal in enumerate([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]):
+    for i, normal in enumerate(np.eye(3)[:axes]):
         low, high = bounds[2 * i : 2 * i + 2]
-        if data.bounds[2 * i] < low:
-            data = data.clip(normal, origin=(low, low, 0.0), invert=False)
-        if data.bounds[2 * i + 1] > high:
-            data = data.clip(normal, origin=(high, high, 0.0))
+        if data.n_cells and data.bounds[2 * i] < low:
+            data = data.clip(normal, origin=low * normal, invert=False)
+        if data.n_cells and data.bounds[2 * i + 1] > high:
+            data = data.clip(normal, origin=high * normal)
     return data
 
 
@@ -199,8 +199,7 @@ def add_bubbles(
         scene.add_mesh(pv.lines_from_points(foot, close=True), color=DEEP_COLORS[0], opacity=0.5)
         floor = pv.PolyData(foot, faces=[len(foot), *reversed(range(len(foot)))]).triangulate()
         block = pv.merge([block, floor], merge_points=False)
-    # water darkens with depth as light from above decays; 3: tuned, to e^-3 at the bottom
-    dark = 1.0 - np.exp(-3.0 * np.clip(block.points[:, 2:] / bottom, 0.0, 1.0))
+    dark = _darkness(scene, block.points)
     shallow, deep = (np.array(to_rgb(c)) for c in DEEP_COLORS)
     # near sides face the camera: culling removes the others; opacities are tuned
     name, culling, alpha = ("near water", "back", 0.302) if near else ("water", "front", 0.97)
@@ -258,18 +257,32 @@ def outline(mesh: TriangleMesh) -> np.ndarray:
 
 
 def add_bodies(scene: ScenePlotter, link: Link) -> ScenePlotter:
-    """Draw the part on the stage of every body of a link, in a neutral colour."""
-    for body in link.bodies:
-        vertices, faces = body.triangles()
-        solid = pv.PolyData.from_regular_faces(vertices, faces.astype(int))
-        x0, x1, y0, y1, *_ = scene.stage.bounds
-        low, high = solid.bounds[4] - 1.0, solid.bounds[5] + 1.0
-        inside = solid.clip_box((x0, x1, y0, y1, low, high), invert=False)
-        if inside.n_cells:
-            surface = inside.extract_surface(algorithm=None)
-            scene.add_mesh(surface, color=BODY_COLOR, ambient=0.25, specular=0.1)
-            scene.key["body"] = BODY_COLOR
+    """Draw the part on the stage of every body of a link, darker below as the water is."""
+    for i, body in enumerate(link.bodies, 1):
+        scene.shown[f"body_{i}"] = body
+        facets: Any = to_pyvista(body)
+        solid = _within(facets, scene.stage.bounds, 3)
+        if not solid.n_cells:
+            continue
+        color, deep = (np.array(to_rgb(c)) for c in (BODY_COLORS[body.reflection], DEEP_COLORS[0]))
+        haze = _HAZE * _darkness(scene, solid.points)
+        colors = color + haze * (deep * (1.0 - haze) - color)
+        solid.point_data["tint"] = np.rint(255.0 * colors).astype(np.uint8)
+        scene.add_mesh(
+            solid, name=f"body_{i}", scalars="tint", rgb=True, ambient=0.25, specular=0.1
+        )
+        name = "body" if body.reflection == "lambert" else f"{body.reflection} body"
+        scene.key[name] = BODY_COLORS[body.reflection]
     return scene
+
+
+_HAZE = 0.5  # tuned: share of the colour of the water in that of a body at the bottom of the stage
+
+
+def _darkness(scene: ScenePlotter, points: Any) -> Any:
+    """Return how dark the water is at points, (n, 1): 0 at the surface to 1."""
+    # light from above decays with depth; 3: tuned, to e^-3 at the bottom
+    return 1.0 - np.exp(-3.0 * np.clip(points[:, 2:] / scene.stage.bottom, 0.0, 1.0))
 
 
 def add_transmitter(

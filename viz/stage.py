@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from meshtrace.engine.paths import PhotonPaths
 from meshtrace.errors import Refused, require_array
-from meshtrace.link import Link
+from meshtrace.link import Body, Link
 from meshtrace.link.receivers import Aperture
 from meshtrace.link.sources import Source
 from meshtrace.mesh import MeshSource, TriangleMesh
@@ -137,7 +137,7 @@ class ScenePlotter(pv.Plotter):
         Points [m] with their texts and alignments, for the web page.
     caption : str
         Line that states link, sea and gain.
-    shown : dict of str to TriangleMesh, PhotonPaths or CoverageMap
+    shown : dict of str to TriangleMesh, PhotonPaths, CoverageMap or Body
         Parts of the scene, for `export_scene`.
     shade : callable or None
         Function that updates the colours of the water after a move of the camera.
@@ -153,7 +153,7 @@ class ScenePlotter(pv.Plotter):
         self.key: dict[str, str] = {}
         self.texts: list[tuple[np.ndarray, str, str]] = []
         self.caption = ""
-        self.shown: dict[str, TriangleMesh | PhotonPaths | CoverageMap] = {}
+        self.shown: dict[str, TriangleMesh | PhotonPaths | CoverageMap | Body] = {}
         self.shade: Callable[[], None] | None = None
         self.set_background(NIGHT, top=DUSK)  # type: ignore[arg-type]
         self.enable_anti_aliasing("ssaa")

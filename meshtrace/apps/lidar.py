@@ -45,10 +45,10 @@ from meshtrace.surfaces.waves import angular_frequency
 ECHOES = {"surface": "mirrored", "column": "scattered", "bottom": "bottom"}
 """Names of the echoes, and of the parts of the light that they consist of."""
 
-_FINE = 16  # samples of a pulse's full width at half maximum, at which depths are read
-_BLANK = 1.5  # pulse widths after the echo of the surface, before which no bottom is looked for
-_MOST_SAMPLES = 10**6  # at which depths are read: light so late is left out
-_WIDTHS = 6.0  # pulse widths of the waveform beyond the deepest light
+_PER_WIDTH = 16  # samples per full width of the pulse; tuned: a parabola refines the peak
+_BLANK = 1.5  # pulse widths after the surface in which no bottom is looked for; tuned: light there
+_MOST_SAMPLES = 10**6  # of one sea, bounds memory: light that comes later is left out
+_MARGIN = 6.0  # pulse widths before the surface and after the bottom; a Gaussian has ended there
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,10 +60,11 @@ class LidarResult(Stored, kind="lidar", title="meshtrace lidar waveform"):
     delay_edges : ndarray, shape (n + 1,)
         Edges of the bins of the delay after the echo of still water [s].
     echo, echo_stderr : ndarray, shape (3, n)
-        Received share of the emitted energy in each bin, mean over the seas: surface, column and
-        bottom; and its standard error, by seas, or by groups of samples for a single one.
+        Received share of the emitted energy in each bin, mean over the seas, of the echoes in the
+        order of `ECHOES`; and its standard error: from the scatter between seas, or for a single
+        sea between independent groups of photons.
     energy, energy_stderr : ndarray, shape (3,)
-        The same of each whole echo, also beyond the bins.
+        The same of each whole echo, with light before and after the bins.
     depth : float
         Depth of the bottom [m].
     depth_by_peak, depth_by_centroid : ndarray, shape (seas,)
@@ -135,40 +136,42 @@ class LidarResult(Stored, kind="lidar", title="meshtrace lidar waveform"):
         return "\n".join(lines)
 
 
-def _resolving(sea: Any, spot: float) -> Any:
-    """Return a sea with waves as short as a spot [m], if its waves were left open."""
-    is_open = hasattr(type(sea), "band") and (sea.omega_max, sea.waves) == (None, None)
-    omega = float(angular_frequency(2.0 * math.pi / spot))
-    # a wide lamp averages over the waves that the band of mean gains leaves out
-    return (
-        sea.model_copy(update={"omega_max": omega})
-        if is_open and omega > sea.band.omega_max
-        else sea
-    )
+def _with_waves_of(sea: Any, spot: float) -> Any:
+    """Return a sea with all waves longer than a spot [m], unless the user chose its waves.
+
+    Such waves tilt the whole spot and shift its echo. The default band of a sea is that of mean
+    gains: it leaves some of them to random slopes, which are drawn for each photon and average out.
+    """
+    # random seas alone have a band, whose end is open unless one of these is given
+    if not hasattr(type(sea), "band") or sea.omega_max is not None or sea.waves is not None:
+        return sea
+    omega = float(angular_frequency(2.0 * math.pi / spot))  # 0 for the infinite spot of a lamp
+    return sea.model_copy(update={"omega_max": omega}) if omega > sea.band.omega_max else sea
 
 
 class _Clock(NamedTuple):
-    """Times of light along the axis of a lamp over still water."""
+    """Times of light along the axis of the beam over still water, by which delays are depths."""
 
-    surface: float  # from the lamp to the receiver by the surface [s]
+    surface: float  # from the lamp by the spot on the surface to the receiver [s]
     per_depth: float  # delay of the bottom after the surface per metre of depth [s m-1]
 
     @classmethod
     def of_link(cls, link: Link) -> _Clock:
         """Return the times of a link with one lamp and one receiver in the air."""
-        lamp, end = link.transmitters[0], link.receivers[0]
+        lamp, receiver = link.transmitters[0], link.receivers[0]
         start, axis = np.array(lamp.center), np.array(lamp.axis)
         if axis[2] >= 0.0:
             raise Refused(
                 "transmitter", Described("an axis that leads up"), "a lamp that looks down"
             )
-        way = start[2] / -axis[2]
-        back = float(np.linalg.norm(start + way * axis - np.array(end.center)))
-        # Snell's law for the axis; the way back starts from the bottom at the same angle
+        down = start[2] / -axis[2]
+        up = float(np.linalg.norm(start + down * axis - np.array(receiver.center)))
         n = link.water.n / link.n_air
-        cosine = math.sqrt(1.0 - (1.0 - axis[2] ** 2) / n**2)
-        slow = 2.0 * link.water.n / (SPEED_OF_LIGHT * cosine)
-        return cls(link.n_air * (way + back) / SPEED_OF_LIGHT, slow)
+        # angle of refraction of the axis by Snell's law; of a telescope beside the lamp both ways
+        # in the water are the same: twice the depth over this cosine
+        cos_water = math.sqrt(1.0 - (1.0 - axis[2] ** 2) / n**2)
+        per_depth = 2.0 * link.water.n / (SPEED_OF_LIGHT * cos_water)
+        return cls(link.n_air * (down + up) / SPEED_OF_LIGHT, per_depth)
 
     def delay_of(self, depth: float) -> float:
         """Return the delay of a bottom [s]."""
@@ -180,16 +183,17 @@ class _Clock(NamedTuple):
 
 
 def _arrivals_of(result: GainResult) -> ArrivalTally:
-    """Return the arrivals of a run that recorded them."""
+    """Return the arrivals of a run; refuse one without them, whose type allows for none."""
     if result.arrivals is None:
         raise Refused("result", Described("no arrivals"), "a run with record=[Arrivals()]")
     return result.arrivals
 
 
 def _waveform(arrivals: ArrivalTally, delay: Floats, edges: Floats) -> Floats:
-    """Return the energy (echoes, bins, groups) of each group of samples.
+    """Return the energy (echoes, bins + 1, groups) by independent group of photons.
 
-    The last bin holds all light outside of the edges.
+    Each group alone estimates the echo. The last bin holds all light outside of the edges, so that
+    bins add up to the whole echo.
     """
     bins = np.floor((delay - edges[0]) / (edges[1] - edges[0]))
     bins = np.where((bins >= 0) & (bins < len(edges) - 1), bins, len(edges) - 1).astype(int)
@@ -201,24 +205,30 @@ def _waveform(arrivals: ArrivalTally, delay: Floats, edges: Floats) -> Floats:
     return np.stack(echoes)
 
 
-def _read(arrivals: ArrivalTally, delay: Floats, pulse_width: float) -> tuple[float, float]:
-    """Return the delays of the peak and of the centroid of the echo of the bottom [s], or nan."""
-    step, mirrored = pulse_width / _FINE, arrivals.part == ONE_SIDE_PARTS["mirrored"]
-    # the waves lift the echo of the surface, and with it the start of that of the column
-    start = (
+def _bottom_delays(
+    arrivals: ArrivalTally, delay: Floats, pulse_width: float
+) -> tuple[float, float]:
+    """Return the delays of the peak and of the centroid of the echo of the bottom [s], or nan.
+
+    They are read as from a record, in which the echo of the surface alone is known as such.
+    """
+    step, mirrored = pulse_width / _PER_WIDTH, arrivals.part == ONE_SIDE_PARTS["mirrored"]
+    # a crest or trough shifts the echo of the surface, and with it the start of that of the column
+    surface = (
         np.average(delay[mirrored], weights=arrivals.weight[mirrored]) if mirrored.any() else 0.0
     )
-    late = ~mirrored & (delay > 0.0)
-    if not late.any():
+    # without the echo of the surface, by far the brightest
+    below = ~mirrored & (delay > 0.0)
+    if not below.any():
         return math.nan, math.nan
-    # samples of the energy convolved with the pulse, a Gaussian of this standard deviation
-    n = min(math.ceil((float(delay[late].max()) + _WIDTHS * pulse_width) / step), _MOST_SAMPLES)
-    samples = np.bincount((delay[late] / step).astype(int), arrivals.weight[late], n)[:n]
+    n = min(math.ceil((float(delay[below].max()) + _MARGIN * pulse_width) / step), _MOST_SAMPLES)
+    samples = np.bincount((delay[below] / step).astype(int), arrivals.weight[below], n)[:n]
+    # standard deviation of a Gaussian of this full width at half maximum
     sigma = pulse_width / math.sqrt(8.0 * math.log(2.0))
     received = gaussian_filter1d(samples, sigma / step, mode="constant")
     times = step * (np.arange(n) + 0.5)
     peaks, properties = find_peaks(received, prominence=0.0)
-    after = times[peaks] > start + _BLANK * pulse_width
+    after = times[peaks] > surface + _BLANK * pulse_width
     if not after.any():
         return math.nan, math.nan
     # by prominence: the column is brighter below the surface, but it has no end there
@@ -307,46 +317,49 @@ def lidar(
     bottom = link.water.bottom_depth
     if bottom is None:
         raise Refused("water.bottom_depth", None, "a depth: the echo of a bottom is looked for")
-    sea = _resolving(case.surface, spot_radius(link.transmitters[0]))
+    sea = _with_waves_of(case.surface, spot_radius(link.transmitters[0]))
     clock = _Clock.of_link(link)
-    # from before the surface, whose waves scatter its echo, to some pulses after the bottom
-    longest = clock.delay_of(bottom) + _WIDTHS * pulse_width
+    # from before the echo of still water, as crests are higher, to some pulses after the bottom
+    last = clock.delay_of(bottom) + _MARGIN * pulse_width
     edges: Floats = bin_width * np.arange(
-        -math.ceil(_WIDTHS * pulse_width / bin_width),
-        math.ceil(longest / bin_width) + 1,
+        -math.ceil(_MARGIN * pulse_width / bin_width),
+        math.ceil(last / bin_width) + 1,
         dtype=float,
     )
     waveforms, depths = [], []
-    several = seas if isinstance(sea, SeededSurface) else 1
+    # a surface without random phases is the same every time
+    n_seas = seas if isinstance(sea, SeededSurface) else 1
     began = time.perf_counter()
-    for i in range(several):
-        # the first sea is that of the link file; photons are other ones over each
-        seed = realization_seed(case.run.seed, i)
-        at = sea.with_seed(seed) if i and isinstance(sea, SeededSurface) else sea
+    for i in range(n_seas):
+        # the first sea is the one that the user gave; each has photons of its own
+        seed_of_sea = realization_seed(case.run.seed, i)
+        one_sea = sea.with_seed(seed_of_sea) if i and isinstance(sea, SeededSurface) else sea
         with warnings.catch_warnings():
-            # of the light between the echoes; the errors of the echoes are in the result
+            # the effective number is that of the whole gain, most of it glint; the result has the
+            # error of each echo
             warnings.simplefilter("ignore", FewSamplesWarning)
-            if several > 1:  # the glint of one sea scatters far more from sea to sea
+            if n_seas > 1:  # errors of meshes, which the glint has, are far below its scatter
                 warnings.filterwarnings("ignore", ".*the mesh causes an error")
             result = simulate(
-                link, at, photons=case.run.photons, seed=seed, threads=case.run.threads,
+                link, one_sea, photons=case.run.photons, seed=seed_of_sea, threads=case.run.threads,
                 mesh=case.meshing, record=[Arrivals()],
             )  # fmt: skip
         arrivals = _arrivals_of(result)
         delay = arrivals.time - clock.surface
         waveforms.append(_waveform(arrivals, delay, edges))
-        depths.append([clock.depth_of(t) for t in _read(arrivals, delay, pulse_width)])
+        depths.append([clock.depth_of(t) for t in _bottom_delays(arrivals, delay, pulse_width)])
         if not i:
             first = result
-        elif i == 1:  # the first one may have compiled
-            announce((several - 2) * (time.perf_counter() - began), f"{several:,} seas")
+        elif i == 1:  # the time of the first one may be that of a compiler
+            announce((n_seas - 2) * (time.perf_counter() - began), f"{n_seas:,} seas")
         began = time.perf_counter()
         if progress is not None:
             progress(1)
-    # the seas, or the groups of samples of a single one
-    table = np.stack(waveforms)
-    groups = table.mean(axis=-1) if several > 1 else np.moveaxis(table[0], -1, 0)
-    # a surface without noise has the error of its quadrature, which is that of the gain
+    # (independent estimates, echoes, bins + 1): by sea, or by group of photons of the only sea
+    by_sea = np.stack(waveforms)
+    groups = by_sea.mean(axis=-1) if n_seas > 1 else np.moveaxis(by_sea[0], -1, 0)
+    # the glint of smooth water has no Monte Carlo noise: its error is that of a quadrature, as that
+    # of the gain, which is glint for the most part
     quadrature = first.stderrs[0] / max(first.gains[0], 1e-300)
     echo, echo_stderr = _mean(groups[..., :-1], quadrature)
     energy, energy_stderr = _mean(groups.sum(axis=-1), quadrature)

@@ -105,7 +105,8 @@ def compare(
 
 
 # Options of `converge` by the parameter of the studies; each of them selects another study.
-_REFINED = {"spacings": "--spacings", "steps": "--time-steps", "omega_max": "--omega-max"}
+_REFINED = {"spacings": "--spacings", "steps": "--time-steps", "omega_max": "--omega-max",
+            "meshes": "--body-meshes"}  # fmt: skip
 
 
 @command()
@@ -117,6 +118,8 @@ def converge(
         "At least four time steps [s], all multiples of the shortest", "--time-steps")] = None,
     omega_max: Annotated[Any, numbers(
         "At least four band limits [rad s-1], of fading by default 4,8,12,16,24,32,64,128")] = None,
+    meshes: Annotated[Any, value("FILES", "At least four meshes of the first body, as a.obj,b.obj.",
+        "--body-meshes", parser=lambda text: text.split(","))] = None,
     normals: Annotated[Any, value("KINDS", "Normals of the mesh: vertex or facet, by default "
         "vertex,facet for spacings, else vertex.", parser=lambda text: text.split(","))] = None,
     photons: opt.Chains = 2048,
@@ -131,19 +134,20 @@ def converge(
         "Slopes of the waves that each mesh leaves out: tilt or none (default).")] = None,
     what: Annotated[str, value("WORD", "gain, or fading over the band of waves.")] = "gain",
 ) -> None:  # fmt: skip
-    """Study the convergence of the gain with mesh spacing, time step or band of waves.
+    """Study the convergence of the gain with a mesh, the time step or the band of waves.
 
     All meshes share the same chains. The table shows gains, their differences, the fitted order,
     the limit at vanishing spacing beside the gain over the exact sum of waves, and the spacing
-    recommended for a tolerance. Time steps or band limits take the place of spacings. With --what
-    fading the table shows the scintillation index in closed form, and over --realizations seas (by
-    default none).
+    recommended for a tolerance. Time steps, band limits or meshes of a body take the place of
+    spacings. With --what fading the table shows the scintillation index in closed form, and over
+    --realizations seas (by default none).
     """
     require_word(what, ("gain", "fading"), "--what")
-    # only what is set: each of the four studies has defaults of its own
-    chosen = opt.without_none(spacings=spacings, steps=steps, omega_max=omega_max, normals=normals,
-                              placements=placements, realizations=realizations, duration=duration,
-                              tolerance=tolerance, unresolved=unresolved)  # fmt: skip
+    # only what is set: each of the five studies has defaults of its own
+    chosen = opt.without_none(spacings=spacings, steps=steps, omega_max=omega_max, meshes=meshes,
+                              normals=normals, placements=placements, realizations=realizations,
+                              duration=duration, tolerance=tolerance,
+                              unresolved=unresolved)  # fmt: skip
     study = _study_of(chosen, what)
     surfaces = _surfaces(_defaults(study) | chosen)
     options.run(partial(study, photons=photons, **chosen), progress(surfaces, "over the meshes"))
@@ -157,7 +161,7 @@ def _defaults(study: Any) -> dict[str, Any]:
 def _study_of(options: dict[str, Any], what: str) -> Any:
     """Return the study that the options belong to; refuse options of other studies."""
     studies = {"spacings": mt.convergence_study, "steps": mt.time_step_study,
-               "omega_max": mt.band_limit_study}  # fmt: skip
+               "omega_max": mt.band_limit_study, "meshes": mt.body_study}  # fmt: skip
     refined = next((name for name in studies if name in options), "spacings")
     study = mt.studies.fading_study if what == "fading" else studies[refined]
     for name in options.keys() - _defaults(study).keys():
@@ -182,6 +186,8 @@ def _surfaces(values: dict[str, Any]) -> float | None:
         steps = values["steps"]
         duration = values["duration"] or 8.0 * max(steps)
         return 2.0 * duration / min(steps) + 1.0 if min(steps) > 0.0 else None
+    if "meshes" in values:
+        return len(values["meshes"])
     if "spacings" in values:
         return len(values["spacings"]) * int(values["placements"])
     return len(values["omega_max"]) * int(values["realizations"])

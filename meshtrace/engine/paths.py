@@ -9,17 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.chains.aimed import on_disk
+from meshtrace.engine.chains.aimed import AimedChains, on_disk
 from meshtrace.engine.chains.gain import turned
 from meshtrace.engine.chains.sampling import Chains
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.photons.analog import new_recorder, run_analog
 from meshtrace.engine.photons.flight import Recorder, Vertex
+from meshtrace.engine.setup.ends import ForcedLink, forced_link
 from meshtrace.engine.setup.options import BLOCK, Analog
+from meshtrace.engine.straight import straight_gains
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.scene import Emitter, Target
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
+from meshtrace.link.link import SAME_SIDE
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 
@@ -151,16 +154,54 @@ def received_paths(
 
     Paths go from the source by way of the scatterings and the crossing to the aperture; all carry
     the same share of the gain. Scattered light is that of chains, even where the gain is estimated
-    by joined photons.
+    by joined photons. Between ends on one side there is none: light goes straight or by the mirror.
     """
     # 1 names the stream of the draws of this function
-    sea, rng = TypicalSea.of_meshes([mesh]), np.random.default_rng([seed, 1])
-    forced = ForcedDetection(link, chains, seed, normals, sea=sea, scattered="chains")
+    rng = np.random.default_rng([seed, 1])
+    if link.direction in SAME_SIDE:
+        arrays = forced_link(link)
+        aimed = AimedChains(arrays, mesh, normals, link.physics.unresolved)
+        shares, paths = _straight_and_mirrored(aimed, n, rng)
+    else:
+        sea = TypicalSea.of_meshes([mesh])
+        forced = ForcedDetection(link, chains, seed, normals, sea=sea, scattered="chains")
+        arrays = forced.arrays
+        shares, paths = _chained(forced, mesh, n, rng)
+    if not paths:
+        dark = Described("no light is received")
+        raise Refused("received_only", dark, "a link that receives some")
+    # a second draw over all orders and sources, again in proportion to the light
+    total = float(sum(shares))
+    chosen = rng.choice(len(paths), n, p=np.array(shares) / total)
+    out = _empty(max(len(paths[i]) for i in chosen), np.arange(n, dtype=np.int64))
+    from_air = arrays.direction in ("down", "over")
+    for k, i in enumerate(chosen):
+        m = len(paths[i])
+        # light that goes down is followed backwards: the order of its vertices is reversed
+        out.vertex[k, :m] = arrays.frame.metres(paths[i][:: -1 if arrays.down else 1])
+        out.weight[k, :m] = total / n
+        out.what[k, :m] = Vertex.SCATTER
+        # straight light meets no surface: its source takes this place
+        out.what[k, 1 if arrays.down else m - 2] = (
+            Vertex.SURFACE_IN if from_air else Vertex.SURFACE_OUT
+        )
+        out.what[k, 0] = Vertex.SOURCE
+        out.what[k, m - 1] = Vertex.RECEIVED
+    return out
+
+
+_Drawn = tuple[list[float], list[Floats]]  # shares of the gain, and points (m, 3) of their paths
+
+
+def _chained(
+    forced: ForcedDetection, mesh: TriangleMesh, n: int, rng: np.random.Generator
+) -> _Drawn:
+    """Return up to n paths of each set of chains to the first receiver."""
     # chains without a scattering stand for unscattered light: its integral over the facets follows
     # no paths
     aimed, sets = forced.planner.aim_over(mesh), forced.sets(unscattered=True)
     arrays = forced.arrays
-    shares, drawn_sets = list[float](), list[tuple[Chains, NDArray[np.void], Emitter, Target]]()
+    shares, paths = list[float](), list[Floats]()
     # To the first receiver: target 0 of each source of an uplink. Chains of a downlink run
     # backwards: emitter 0 is the receiver, and the targets are the sources.
     for s, power in enumerate(arrays.power):
@@ -175,36 +216,59 @@ def received_paths(
             # light
             drawn = rng.choice(len(arrivals), min(n, len(arrivals)), p=weight / weight.sum())
             ends = arrays.emitters[e], arrays.targets[t]
-            drawn_sets.append((chain_set.chains, arrivals[drawn], *ends))
+            paths += list(_placed(chain_set.chains, arrivals[drawn], *ends))
             # each has an equal share of the light of the set
             shares += [float(weight.sum()) / max(len(drawn), 1)] * len(drawn)
-    if not drawn_sets:
-        dark = Described("no light is received")
-        raise Refused("received_only", dark, "a link that receives some")
-    # a second draw over all orders and sources, again in proportion to the light
-    total = float(sum(shares))
-    chosen = rng.choice(len(shares), n, p=np.array(shares) / total)
-    first = np.cumsum([0, *(len(arrivals) for _, arrivals, *_ in drawn_sets)])
-    set_of = np.searchsorted(first, chosen, side="right") - 1
-    placed = []
-    for i in np.unique(set_of):
-        paths = np.flatnonzero(set_of == i)
-        chains_of_set, arrivals, *ends = drawn_sets[i]
-        placed.append((paths, _placed(chains_of_set, arrivals[chosen[paths] - first[i]], *ends)))
-    out = _empty(max(points.shape[1] for _, points in placed), np.arange(n, dtype=np.int64))
-    for paths, points in placed:
-        m = points.shape[1]
-        # light that goes down is followed backwards: the order of its vertices is reversed
-        out.vertex[paths, :m] = arrays.frame.metres(points[:, :: -1 if arrays.down else 1])
-        out.weight[paths, :m] = total / n
-        out.what[paths, :m] = Vertex.SCATTER
-        out.what[paths, 0] = Vertex.SOURCE
-        if arrays.down:
-            out.what[paths, 1] = Vertex.SURFACE_IN
-        else:
-            out.what[paths, m - 2] = Vertex.SURFACE_OUT
-        out.what[paths, m - 1] = Vertex.RECEIVED
-    return out
+    return shares, paths
+
+
+def _straight_and_mirrored(aimed: AimedChains, n: int, rng: np.random.Generator) -> _Drawn:
+    """Return n paths straight from each source to the first receiver, and n by the mirror."""
+    link: ForcedLink = aimed.link
+    shares, paths = list[float](), list[Floats]()
+    for e, emitter in enumerate(link.emitters):
+        # points of the disk: uniform in azimuth and in the square of the radius
+        u = rng.random((2, n))
+        radius, azimuth = np.sqrt(u[0]), 2.0 * np.pi * u[1]
+        disk = radius[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+        ends, start = on_disk(link.targets[0].center, link.targets[0], disk), emitter.position
+        straight, _ = straight_gains(link, aimed.intersector, link.medium, e, 0)
+        if straight > 0.0:
+            paths += [np.array([start, end]) for end in ends]
+            shares += [link.share(e, 0) * straight / n] * n
+        by_facet = aimed.direct_gains(e, 0)
+        mirrored = float(by_facet.sum())
+        if mirrored > 0.0:
+            facets = rng.choice(len(by_facet), n, p=by_facet / mirrored)
+            at = _mirror_points(aimed, facets, np.array(start), ends)
+            paths += [np.array([start, *pair]) for pair in zip(at, ends, strict=True)]
+            shares += [link.share(e, 0) * mirrored / n] * n
+    return shares, paths
+
+
+def _mirror_points(
+    aimed: AimedChains, facets: NDArray[np.int64], start: Floats, ends: Floats
+) -> Floats:
+    """Return where plane facets (n,) mirror light from a start to ends (n, 3).
+
+    That is the centroid of a facet which mirrors it by another slope than its own: one between
+    those of its corners, or a random one.
+    """
+    surface, centroids = aimed.surface, aimed.centroids[facets]
+    normal = surface.face_normals[facets]
+    # the straight line from the image of the start behind the plane of the facet
+    height = np.einsum("ij,ij->i", start - centroids, normal)
+    image = start - 2.0 * height[:, None] * normal
+    way = ends - image
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = height / np.einsum("ij,ij->i", way, normal)
+    place = image + share[:, None] * way
+    corners = surface.vertices[surface.faces[facets]]  # (n, 3, 3)
+    edges = np.roll(corners, -1, axis=1) - corners
+    # left of all three edges, seen along the normal
+    turn = np.einsum("ikj,ij->ik", np.cross(edges, place[:, None] - corners), normal)
+    within = (turn >= 0.0).all(axis=1)
+    return np.where(within[:, None], place, centroids)
 
 
 def _placed(chains: Chains, arrivals: NDArray[np.void], emitter: Emitter, target: Target) -> Floats:

@@ -347,7 +347,7 @@ def trace_paths(
         Trace paths of light that reaches the first receiver, sampled from the chains of forced
         detection in proportion to the light they carry, instead of the first n analog photons.
         Where `simulate` uses joined photons, chains miss part of the light scattered by large
-        angles.
+        angles. Between ends on one side these are paths of unscattered light alone.
     max_vertices : int
         Most vertices stored for each photon, >= 2.
     **options

@@ -545,18 +545,23 @@ class Link(Model, frozen=True):
         """
         places = np.array([item.position for _, item in self.items()])
         middle = np.array(self.origin)
-        far = float(np.abs(places - middle).max())
-        if far <= most:
-            return (float(middle[0]), float(middle[1])), far, far
         # without a crossing the middle is that of the ends
         crossings = np.array([crossing.place for crossing in self.crossings()] or places)
+        far = float(np.abs(places - middle).max())
+        # daylight alone crosses farther aside than all ends, and beams in the air that look aside
+        spots = crossings if self.direction == "over" else places
+        if max(far, float(np.abs(spots - middle).max())) <= most:
+            return (float(middle[0]), float(middle[1])), far, far
         middle = 0.5 * (crossings.min(axis=0) + crossings.max(axis=0))
         half = float(np.abs(crossings - middle).max())
         return (float(middle[0]), float(middle[1])), half, float(np.abs(places - middle).max())
 
 
 def _mirror_crossing(t: Source, r: Aperture) -> Crossing:
-    """Return where a level surface reflects light of a source to an aperture on the same side."""
+    """Return where a level surface reflects light of a source to an aperture on the same side.
+
+    Of a beam in the air that does not light this place, return the middle of its spot.
+    """
     height, other = abs(t.center[2]), abs(r.center[2])
     # straight lines to the mirror image: similar triangles
     share = height / (height + other)
@@ -564,7 +569,12 @@ def _mirror_crossing(t: Source, r: Aperture) -> Crossing:
     tangent = math.dist(a, b) / (height + other)
     # a slope s turns the light by 2 s, which both distances share like conductances
     lever = 2.0 * height * other / (height + other) * (1.0 + tangent**2)
-    return Crossing(np.asarray(a + share * (b - a)), lever, r.radius * share)
+    place, radius = a + share * (b - a), spot_radius(t)
+    if isinstance(t, AirLamp) and radius < math.inf and t.axis[2] < 0.0:
+        # a beam aside of the mirror, as that of a scanning lidar, enters the sea at its own spot
+        spot = a + height * np.array(t.axis[:2]) / -t.axis[2]
+        place = spot if math.dist(spot, place) > radius else place
+    return Crossing(np.asarray(place), lever, r.radius * share)
 
 
 def spot_radius(t: Source) -> float:

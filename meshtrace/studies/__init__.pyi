@@ -7,6 +7,7 @@ from .comparison import duplex as duplex
 from .convergence import ConvergenceStudy as ConvergenceStudy
 from .convergence import FadingConvergence as FadingConvergence
 from .convergence import band_limit_study as band_limit_study
+from .convergence import body_study as body_study
 from .convergence import convergence_study as convergence_study
 from .convergence import fading_study as fading_study
 from .convergence import time_step_study as time_step_study

@@ -1,4 +1,4 @@
-"""Convergence of a gain with the mesh, the time step or the band of waves.
+"""Convergence of a gain with the mesh of the sea or of a body, the time step or the band of waves.
 
 A study repeats one gain with a finer and finer discretisation and common random numbers: the
 same scattering chains are aimed over every surface, so that differences of 1e-4 show under a
@@ -25,18 +25,18 @@ from pydantic import Field
 from meshtrace.checks import Positive, check_call
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Meshing, StudyOptions
-from meshtrace.errors import Described, Refused, require_between
+from meshtrace.errors import Described, Refused, require_between, require_whole
 from meshtrace.fading.distribution import scintillation_index
 from meshtrace.fading.spectral import WITHIN, fading_band, scintillation_of_spectrum
 from meshtrace.fields import attrs
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
-from meshtrace.mesh import SurfaceModel, TriangleMesh
+from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS, Part, Stored, Variable
-from meshtrace.studies.campaign import Campaign, campaign_of
+from meshtrace.studies.campaign import Campaign, Steps, campaign_of
 from meshtrace.studies.refinement import (
     CommonChains,
     Fit,
@@ -65,10 +65,11 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
 
     Attributes
     ----------
-    parameter : {"spacing", "time_step", "omega_max"}
+    parameter : {"spacing", "time_step", "omega_max", "facet_size"}
         Refined parameter.
     values : ndarray, shape (n,)
-        Its values, from coarse to fine: spacing [m], time step [s] or band limit [rad s-1].
+        Its values, from coarse to fine: spacing [m], time step [s], band limit [rad s-1], or root
+        of the mean area of the facets of a body [m].
     normals : tuple of str, shape (kinds,)
         Normals of the mesh.
     samples : ndarray, shape (kinds, n, repeats, shifts)
@@ -551,6 +552,77 @@ def time_step_study(
     gain_in_time = frames[..., :SHIFTS].mean(axis=2)
     scatter = np.stack([_interpolation_error(gain_in_time, s) for s in strides], axis=1)
     return _study("time_step", values, chains, means, scatter, tolerance, recorded)
+
+
+@check_call
+def body_study(
+    link: Link | Scenario,
+    surface: MeshSource | TriangleMesh | None = None,
+    meshes: Sequence[Any] = (),
+    *,
+    body: Annotated[int, Field(ge=0)] = 0,
+    tolerance: Positive = 1e-2,
+    receiver: int = 0,
+    **run: Unpack[StudyOptions],
+) -> ConvergenceStudy:
+    """Study how the gain depends on the facets of a body, by meshes of several resolutions.
+
+    Parameters
+    ----------
+    link : Link or Scenario
+        The link with its bodies, or a scenario.
+    surface : MeshSource or TriangleMesh, optional
+        The sea.
+    meshes : sequence of path or TriangleMesh
+        At least four versions of the mesh of a body, in any order: scans of a reef, or the finest
+        one decimated. Each takes the place, scale and albedo of the body.
+    body : int
+        Index of the body in `Link.objects`.
+    tolerance, receiver
+        As in `convergence_study`.
+    **run
+        Options of the run, see `StudyOptions`.
+
+    Returns
+    -------
+    ConvergenceStudy
+        Its step is the root of the mean area of a facet, `facet_size` [m].
+
+    Raises
+    ------
+    Refused
+        If there is no such body, or there are fewer than four sizes of facets.
+
+    Notes
+    -----
+    All versions share the random numbers of their photons, so that differences show the meshes.
+    """
+    campaign = campaign_of(link, surface, "body_study", run, several=False, analog=True)
+    base, surface = campaign.link, campaign.surface
+    require_whole(receiver, 0, len(base.receivers) - 1, "receiver")
+    require_whole(body, 0, len(base.objects) - 1, "body")
+    links = {}
+    for mesh in meshes:
+        version = base.objects[body].replace(mesh=mesh, sha256=None)
+        bodies = (*base.objects[:body], version, *base.objects[body + 1 :])
+        vertices, faces = version.triangles()
+        a, b, c = (vertices[faces[:, i]] for i in range(3))
+        areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        links[math.sqrt(areas.mean())] = base.replace(objects=bodies)
+    sizes = descending("meshes", list(links))
+    time = campaign.meshing.time
+    by_size = [(links[size],) for size in sizes]
+    steps = Steps("realization", np.array(sizes), lambda i: (surface, time), by_size)
+    gains = campaign.gains(steps)[:, 0, :, receiver]  # (gain and unscattered part, sizes, shifts)
+    unknown = np.full((1, len(sizes)), math.nan)
+    if not gains[0].mean(axis=1).all():
+        raise Refused("gain", Described("no light received"), "light with every mesh")
+    recorded = {"facet_size": sizes, "body": body, "receiver": receiver}
+    return ConvergenceStudy(
+        "facet_size", np.array(sizes), (campaign.meshing.normals,), gains[None, 0, :, None],
+        gains[None, 1].mean(axis=2, keepdims=True), unknown, unknown, unknown, unknown, unknown,
+        unknown, None, tolerance, campaign.provenance(of_study=recorded),
+    )  # fmt: skip
 
 
 def _by_step(values_by_case: Floats, values: list[float]) -> Floats:

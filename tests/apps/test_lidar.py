@@ -27,6 +27,29 @@ def test_without_scattering_the_echo_is_a_closed_form():
     assert result.bias("centroid")[0] == pytest.approx(0.0, abs=2e-3)
 
 
+def test_a_beam_that_looks_aside_enters_at_its_own_spot():
+    """E = (rho / pi) cos(w) T^2 exp(-2 a D / cos w) A dOmega/dA, w the angle of refraction."""
+    high, deep, tilt, n = 400.0, 5.0, math.radians(20.0), 1.33
+    link = mt.Link(
+        water=mt.Water(a=0.114, b=0.0, n=n, bottom_depth=deep, bottom_albedo=0.15),
+        transmitter=mt.AirTopHatBeam(height=high, divergence_deg=0.005, tilt_deg=20.0),
+        receiver=mt.Receiver(height=high, radius=0.1, fov_deg=1.0, tilt_deg=20.0),
+    )
+    result = mt.lidar(link, FlatSea(), photons=256)
+    below = math.asin(math.sin(tilt) / n)
+    cos_t, cos_w = math.cos(tilt), math.cos(below)
+    # area at the telescope per solid angle in the water: widths across and in the plane
+    across = high * math.tan(tilt) + deep * math.tan(below)
+    within = high * n * cos_w / cos_t**3 + deep / cos_w**2
+    spread = across * within * cos_t / math.sin(below)
+    perpendicular = (cos_t - n * cos_w) / (cos_t + n * cos_w)
+    parallel = (n * cos_t - cos_w) / (n * cos_t + cos_w)
+    passed = 1.0 - 0.5 * (perpendicular**2 + parallel**2)
+    echo = 0.15 / math.pi * cos_w * passed**2 * math.exp(-0.228 * deep / cos_w) * math.pi * 0.01
+    assert result.energy[2] == pytest.approx(echo / spread, rel=1e-3)
+    assert result.bias("centroid")[0] == pytest.approx(0.0, abs=5e-3)
+
+
 @pytest.mark.thorough
 def test_the_reference_with_scattering():
     # an own code: 5.470(1)e-10, of light joined from the bottom itself

@@ -68,6 +68,21 @@ def mesh():
 
 
 @cache
+def plates():
+    """Return level squares of four sizes."""
+    return [mt.TriangleMesh(0.01 * k * CORNERS, FACES) for k in (1.0, 2.0, 3.0, 4.0)]
+
+
+@cache
+def over_a_plate():
+    """Return a link of analog photons, nearly all of which are received, beside a plate."""
+    body = mt.Body(plates()[0], position=(3.0, 0.0, -9.0))
+    end = mt.Receiver(height=1.0, radius=5.0, fov_deg=180.0)
+    link = mt.Link(transmitter=mt.TopHatBeam(), receiver=end, objects=body)
+    return mt.Scenario.from_toml('[run]\nestimator = "analog"').replace(link=link)
+
+
+@cache
 def waves():
     return surfaces.WaveComponents(*(np.full(3, x) for x in (0.1, 1.0, 0.1, 0.0, 0.5)))
 
@@ -221,6 +236,7 @@ OTHER = {
     "optimize": {"over": {"receiver.fov_deg": (10.0, 60.0)}},
     "infer": {"surface": None},
     "band_limit_study": {"surface": SEA, "omega_max": (2.0, 4.0, 6.0, 8.0), "unresolved": "none"},
+    "body_study": {"link": over_a_plate, "surface": mesh, "meshes": plates, "body": 0},
     "convergence_study": {"surface": SEA, "unresolved": "none"},
     "time_step_study": {"surface": SEA},
     "apps.MarkovChannel.fit": {"thresholds": (1.0,)},

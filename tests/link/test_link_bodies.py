@@ -147,14 +147,3 @@ def test_a_mesh_without_a_file_is_in_no_link_file(plate):
     scenario = Scenario.from_toml("").replace(link=Link(objects=Body(plate)))
     with pytest.raises(Refused, match="objects"):
         scenario.to_toml()
-
-
-def test_bodies_are_drawn(plate):
-    pytest.importorskip("pyvista")
-    from meshtrace.viz import SceneStyle, scene
-
-    body = Body(plate, position=(0.0, 0.0, -14.0))
-    drawn = scene(Link(objects=body), mt.surfaces.FlatSea(), style=SceneStyle(off_screen=True))
-    assert "body" in drawn.key
-    assert drawn.stage.bottom < -14.0
-    assert any(np.allclose(mesh.bounds[4:], -14.0) for mesh in drawn.meshes)

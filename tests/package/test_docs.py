@@ -103,7 +103,6 @@ def test_code_runs_and_pages_show_what_it_prints(page, tmp_path, request):
         assert numbers(output) == pytest.approx(numbers(shown), rel=0.3)
 
 
-DESIGN_GUIDE = DOCS / "guides" / "design.md"
 COMMAND_OUTPUT = re.compile(
     r"^```sh\n(meshtrace \w+ link\.toml [^\n]*)\n```\n\n```text\n(.*?)^```$", re.M | re.S
 )
@@ -124,19 +123,25 @@ def report_of(words, folder):
 
 
 @pytest.mark.process
-@pytest.mark.slow
-@pytest.mark.parametrize("index", range(3))
-def test_design_guide_shows_what_its_commands_print(index, tmp_path, request):
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(pytest.param(f"design-{i}", marks=pytest.mark.slow) for i in range(3)),
+        pytest.param("lidar-0", marks=pytest.mark.thorough),
+    ],
+)
+def test_guides_show_what_their_commands_print(name, tmp_path, request):
     """`--update-golden` replaces the outputs; "..." at the end of one stands for its remainder."""
-    text = DESIGN_GUIDE.read_text("utf-8")
-    (tmp_path / "link.toml").write_text(blocks(DESIGN_GUIDE, "toml")[0], encoding="utf-8")
+    page, index = DOCS / "guides" / f"{name[:-2]}.md", int(name[-1])
+    text = page.read_text("utf-8")
+    (tmp_path / "link.toml").write_text(blocks(page, "toml")[0], encoding="utf-8")
     command, shown = COMMAND_OUTPUT.findall(text)[index]
     report = report_of(shlex.split(command), tmp_path)
     shown = "".join(line for line in shown.splitlines(True) if not line.startswith("warning:"))
     if shown.endswith("...\n"):
         shown, report = shown[:-4], report.partition("LENS, FIELD OF VIEW")[0]
     if request.config.getoption("--update-golden"):
-        DESIGN_GUIDE.write_text(text.replace(shown.rstrip(), report.rstrip()), encoding="utf-8")
+        page.write_text(text.replace(shown.rstrip(), report.rstrip()), encoding="utf-8")
         return
     words = [NUMBER.sub("0", re.sub("─+", "─", part)).split() for part in (report, shown)]
     assert words[0] == words[1]

@@ -6,12 +6,14 @@ import math
 
 import numpy as np
 import pytest
+import trimesh
 import xarray as xr
 from typer.testing import CliRunner
 
 import meshtrace as mt
 from meshtrace import cli
 from meshtrace.engine.chains import wave_sum
+from meshtrace.errors import Refused
 from meshtrace.kernels import jit
 from meshtrace.optics import fresnel_reflectance
 from meshtrace.optics.fresnel import refract
@@ -467,3 +469,31 @@ def test_default_link_is_of_second_order(wind_speed):
     order, gain, _ = study.fits["vertex"]
     assert 1.6 < order.value < 2.2
     assert gain.low <= study.reference.gain <= gain.high
+
+
+def test_shadow_of_a_sphere_by_its_facets():
+    """Inscribed polyhedra lack a share ~ h^2 of the shadow; the limit is that of the sphere."""
+    balls = [
+        mt.TriangleMesh(ball.vertices, ball.faces, overhangs=True)
+        for ball in (trimesh.creation.icosphere(k, radius=0.5) for k in (4, 1, 3, 2))
+    ]
+    body = mt.Body(balls[0], reflection="black", position=(0.0, 0.0, -5.0))
+    lamp = mt.TopHatBeam(depth=10.0, divergence_deg=10.0)
+    end = mt.Receiver(height=1.0, radius=5.0, fov_deg=180.0)
+    clear = mt.Link(water=mt.Water(a=0.0, b=0.0), transmitter=lamp, receiver=end)
+    analog = Scenario.from_toml('[run]\nestimator = "analog"').replace(link=clear)
+    few = {"photons": 32 * 2048, "seed": 1}
+    study = mt.body_study(analog.replace(link=clear.replace(objects=body)), FlatSea(), balls, **few)
+    assert (np.diff(study.values) < 0.0).all()
+    fit = study.fits["vertex"]
+    assert 1.7 < fit.order.value < 2.3
+    without = mt.simulate(clear, FlatSea(), estimator="analog", **few)
+    # the cone that touches the sphere, over the cone of the lamp
+    share = (1.0 - math.cos(math.asin(0.1))) / (1.0 - math.cos(math.radians(10.0)))
+    error = 3.9 * math.hypot(study.gain_stderr[0, -1], without.gain_stderr)  # alpha 1e-4
+    assert fit.gain.low - error < without.gain * (1.0 - share) < fit.gain.high + error
+    assert "facet_size" in str(study)
+    with pytest.raises(Refused, match="four different"):
+        mt.body_study(analog.replace(link=clear.replace(objects=body)), FlatSea(), balls[:3], **few)
+    with pytest.raises(Refused, match="body"):
+        mt.body_study(analog, FlatSea(), balls, **few)

@@ -479,3 +479,24 @@ def test_choppy_seas_end_at_the_sides_of_the_stage(shoot):
     assert plotter.shown["surface"].bounds[1, :2].max() > half + 0.1  # the mesh is larger
     drawn = plotter.actors["surface"].bounds
     np.testing.assert_allclose(drawn[:4], [-half, half, -half, half], atol=1e-6)
+
+
+def test_bodies_are_seen_where_they_are_and_exported(shoot, plain, tmp_path):
+    """A wall changes pixels where it is on the stage; files for ParaView have all of it."""
+    corners = [(-40.0, 3.0, -9.0), (4.0, 3.0, -9.0), (4.0, 3.0, -4.0), (-40.0, 3.0, -4.0)]
+    wall = mt.TriangleMesh(corners, [(0, 1, 2), (0, 2, 3)], overhangs=True)
+    _, before = plain
+    for reflection, name in (("lambert", "body"), ("mirror", "mirror body")):
+        body = mt.Body(wall, reflection=reflection)
+        far = mt.Body(wall, position=(0.0, 500.0, 0.0))
+        plotter, image = shoot(LINK.replace(objects=(body, far)))
+        assert plotter.key == {name: parts.BODY_COLORS[reflection]}
+        assert "body_2" not in plotter.actors
+        x, _, z = np.reshape(plotter.actors["body_1"].bounds, (3, 2))
+        np.testing.assert_allclose(x, (-plotter.stage.half, 4.0), atol=1e-6)
+        np.testing.assert_allclose(z, (-9.0, -4.0))
+        changed = (np.abs(image - before).sum(axis=2) > 20).mean()
+        assert 0.02 < changed < 0.3
+    export.export_scene(plotter, tmp_path)
+    np.testing.assert_allclose(pv.read(tmp_path / "body_1.vtp").points, wall.vertices)
+    assert pv.read(tmp_path / "body_2.vtp").bounds[2] == pytest.approx(503.0)

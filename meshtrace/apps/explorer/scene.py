@@ -49,6 +49,7 @@ _DUSK_TINT, _MOON_TINT, _DAY_TINT = (0.006, 0.009, 0.016), (0.02, 0.025, 0.036),
 _CLOUD_TINT = (0.5, 0.52, 0.56)
 _LEAST_INSIDE = (0.25, 0.32, 0.5)  # of the light in the water, which the eye would take time to see
 _MOST_INSIDE = 0.02  # share of it that turbid water returns: a beam is brighter
+_DIM = 0.6  # tuned: brightness of bodies, most of which lie in dark water
 _TEXELS = 256
 _CORE = 0.5  # share of white in rays of received light: brighter than the beam around them
 _NEW_FRAME = (0.6, 1.1)  # sizes of the stage, relative to that framed, that keep the camera
@@ -88,8 +89,8 @@ class LiveScene:
     Attributes
     ----------
     parts : dict
-        All parts as the page takes them: "stage", "faces", "sea", "look", "link", "rays", "map",
-        "time".
+        All parts as the page takes them: "stage", "faces", "sea", "look", "link", "bodies", "rays",
+        "map", "time".
     stage : Stage
         Box that is shown.
     """
@@ -132,6 +133,7 @@ class LiveScene:
                                 "pole": list(deep[:2])})  # fmt: skip
             self._set("look", self._look(state, mesh))
             self._set("link", _link(link, stage))
+            self._set("bodies", _bodies(link, stage))
 
     def frame_anew(self) -> None:
         """Reset the camera at the next link."""
@@ -367,6 +369,20 @@ def _link(link: Link, stage: Stage) -> dict[str, Any]:
         "norm": scale * _strength(link.transmitters[0]),
         "colors": {name: to_rgb(color) for name, color in colors.items()},
     }  # fmt: skip
+
+
+def _bodies(link: Link, stage: Stage) -> list[dict[str, Any]]:
+    """Return corners (facets, 3, 3) of the facets of each body about the stage, and its colour."""
+    shown, reach = [], stage.half * np.array([-1.0, 1.0])
+    for body in link.bodies:
+        vertices, faces = body.triangles()
+        corners = vertices[faces]
+        middle = corners[..., :2].mean(axis=1) - stage.center
+        within = ((reach[0] <= middle) & (middle <= reach[1])).all(axis=1)
+        color = _DIM * np.array(to_rgb(parts.BODY_COLORS[body.reflection]))
+        facets = corners[within].astype(np.float32)
+        shown.append({"bytes": facets.tobytes(), "color": color.tolist()})
+    return shown
 
 
 def _strength(source: Source) -> float:

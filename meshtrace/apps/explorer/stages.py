@@ -227,9 +227,8 @@ def rays(state: State, check: Check) -> Iterator[PhotonPaths]:
     scenario = state.channel.replace(meshing=state.channel.meshing.replace(time=state.time))
     mesh, run = scenario.mesh(), scenario.run
     check()
-    # analog photons hit an aperture so seldom that paths of any light are shown; no chains carry
-    # light between ends on one side
-    received = not isinstance(run.estimator, Analog) and scenario.link.direction in ("up", "down")
+    # analog photons hit an aperture so seldom that paths of any light are shown
+    received = not isinstance(run.estimator, Analog)
     normals = scenario.meshing.normals
     yield trace_paths(
         scenario.link, mesh, RAYS, received_only=received, seed=run.seed, normals=normals

@@ -177,6 +177,8 @@ def _within_reach(link: Link, f: Footprint, reach: float, fine_patch: float) -> 
     extent = max(crossed, f.fine_extent + 10.0 * f.spacing)
     if aside > extent:  # light of a lamp close to the water crosses far from the receiver
         extent = _COVER * aside
+    if link.direction == "over":  # a beam that looks aside enters far from both ends
+        coarse = max(coarse, extent / _PLANE_CELLS)
     return f._replace(extent=extent, coarse_spacing=coarse)
 
 

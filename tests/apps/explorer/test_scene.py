@@ -208,3 +208,18 @@ def test_a_move_of_the_link_leaves_the_sea_in_its_place(scene):
     scene.update(STATE.moved({"depth": 20.0}))
     assert scene.stage.half > 1.25 * stage.half
     assert np.abs(points(scene)[:, 0]).max() == pytest.approx(scene.stage.half, rel=1e-6)
+
+
+def test_bodies_on_the_stage_are_sent_once(tmp_path):
+    trimesh.creation.box((2.0, 2.0, 2.0)).export(tmp_path / "box.ply")
+    text = """objects = [{ mesh = "box.ply", position = [1, 0, -8] },
+                         { mesh = "box.ply", position = [900, 0, -8], reflection = "mirror" }]"""
+    scene = LiveScene(controls.State(Scenario.from_toml(text, folder=tmp_path)))
+    near, far = scene.changes()["bodies"]
+    corners = np.frombuffer(near["bytes"], np.float32).reshape(-1, 3, 3)
+    assert len(corners) == 12
+    np.testing.assert_allclose(corners.min(axis=(0, 1)), (0.0, -1.0, -9.0))
+    np.testing.assert_allclose(corners.max(axis=(0, 1)), (2.0, 1.0, -7.0))
+    assert not far["bytes"]
+    assert near["color"] != far["color"]
+    assert "bodies" not in scene.changes()

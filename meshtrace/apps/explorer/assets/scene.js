@@ -204,6 +204,17 @@
         for (const [place, up] of parts.link.carried) uav.drone(place, up, 0.055 * size, rotors);
         Object.assign(m, { view: shape(view), disk: shape(disk), uav: shape(uav), rotors: shape(rotors) });
       }
+      if (parts.bodies) {
+        for (const b of m.bodies ?? []) [b.points, b.normals].forEach((buffer) => this.gl.deleteBuffer(buffer));
+        m.bodies = parts.bodies.map(({ bytes, color }) => {
+          const points = floats(bytes), normals = new Float32Array(points.length);
+          for (let i = 0; i < points.length; i += 9) {
+            const [a, b, c] = [i, i + 3, i + 6].map((k) => points.subarray(k, k + 3)), n = cross(sub(b, a), sub(c, a));
+            for (let k = i; k < i + 9; k += 3) normals.set(n, k);
+          }
+          return { ...shape({ points, normals }), color };
+        });
+      }
       if (parts.rays !== undefined) m.rays = { buffer: this.buffer(floats(parts.rays)), n: parts.rays.length / 28 };
       if (parts.map !== undefined) m.map = parts.map && { ...parts.map, image: this.texture(parts.map.bytes, parts.map.n, parts.map.n, false, false) };
       if (parts.time !== undefined) m.time = parts.time;
@@ -296,6 +307,7 @@
         this.bind(this.use("plain", { ...all, color, lit, side }), [["point", part.points, 3, 0, 0], ["normal", part.normals, 3, 0, 0]]);
         gl.drawArrays(gl.TRIANGLES, 0, part.n);
       };
+      for (const b of m.bodies ?? []) solid(b, [...b.color, 1], 1);
       solid(m.uav, [0.55, 0.58, 0.61, 1], 1);
       gl.depthMask(false);
       solid(m.rotors, [0.75, 0.8, 0.85, 0.12], 0);
