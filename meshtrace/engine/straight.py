@@ -7,12 +7,13 @@ meets that plane on a circle of radius rho = h tan(theta) about the foot of the 
 view ends at a polar angle, the disk at an azimuth Phi(theta) on either side of its centre, and the
 cone that a beam fills at an azimuth Psi(theta) on either side of its axis. Gauss-Legendre
 quadrature between these rims sees a smooth integrand, however narrow the beam. Where waves may
-stand in the way, rays find the azimuths between which the light is free.
+stand in the way, or bodies, rays find the azimuths between which the light is free.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -116,7 +117,8 @@ def straight_gains(
     Returns
     -------
     gain, relative_error : float
-        The error is the change by a coarser quadrature, at least 1e-9; 0 without light.
+        Bodies of the link hide light, too. The error is the change by a coarser quadrature, at
+        least 1e-9; 0 without light.
     """
     emitter, target = link.emitters[e], link.targets[t]
     if at is not None:
@@ -125,14 +127,14 @@ def straight_gains(
     panels = _panels(sight, target, emitter.kind == SourceKind.TOP_HAT_BEAM)
     if len(panels) < 2:
         return 0.0, 0.0
-    if intersector is not None and not _meets_bounds(sight, target, intersector.mesh.bounds):
-        intersector = None
+    solids = [intersector, link.bodies and link.bodies.intersector]
+    hiding = [s for s in solids if s is not None and _meets_bounds(sight, target, s.mesh.bounds)]
     water = medium if link.direction == "under" else None
     gain, change = math.nan, math.inf
     for n in _NODES:
         arcs = _arcs_inside(sight, panels, n)
-        if intersector is not None:
-            arcs = _free_arcs(sight, arcs, 2 * n, intersector)
+        if hiding:
+            arcs = _free_arcs(sight, arcs, 2 * n, hiding)
         coarser, gain = gain, _sum_of(sight, arcs, n, emitter, water)
         change = abs(gain - coarser)
         if change <= _ENOUGH * gain:
@@ -238,14 +240,15 @@ def _arcs_inside(sight: _Sight, panels: Floats, n: int) -> _Arcs:
     return _Arcs(theta[i], weight[i], start[inside], end[inside])
 
 
-def _free_arcs(sight: _Sight, arcs: _Arcs, n: int, intersector: Intersector) -> _Arcs:
+def _free_arcs(sight: _Sight, arcs: _Arcs, n: int, hiding: Sequence[Intersector]) -> _Arcs:
     """Return the parts of arcs that no facet hides: n rays along each, then bisection."""
 
     def is_free(theta: Floats, azimuth: Floats) -> NDArray[np.bool_]:
         way = sight.points(theta, azimuth) - sight.start
         origins = np.broadcast_to(sight.start, way.shape)
         # distances are in lengths of the way; a miss is infinitely far
-        return intersector.intersect(origins, way).distance > 1.0 - _HAIR
+        nearest = [solid.intersect(origins, way).distance for solid in hiding]
+        return np.min(nearest, axis=0) > 1.0 - _HAIR
 
     if len(arcs.theta) == 0:
         return arcs

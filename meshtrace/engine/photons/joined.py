@@ -32,6 +32,7 @@ from meshtrace.engine.photons.targets import (
     Window,
 )
 from meshtrace.engine.setup import arrays, ends
+from meshtrace.engine.setup.bodies import for_thread, scene_of
 from meshtrace.engine.setup.options import BLOCK
 from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.errors import Described, Refused
@@ -244,6 +245,7 @@ class JoinedPhotons:
         """Return the inputs of the photons of a run."""
         link, start = self.link, run.start
         surface = arrays.surface_arrays(intersector.mesh, self._normals, link.physics.unresolved)
+        _require_followed(link, frame, surface)
         is_level = surface.low[2] == surface.high[2] and surface.max_slope == 0.0
         # smooth waves focus: crossings are then solved for, all of them
         is_smooth = not is_level and max(surface.roughness[:2]) == 0.0
@@ -268,8 +270,8 @@ class JoinedPhotons:
         joins = self._joins(surface, sources, run, frame, bins, facets)
         return JoinedWorld(
             0, np.uint64(self.seed), sources, surface, grid, medium,
-            arrays.interface_arrays(link), joins, manifold, self._same_side, _EVENTS, NO_TINTS,
-            NO_BVH,
+            arrays.interface_arrays(link), joins, manifold, None, self._same_side, _EVENTS,
+            NO_TINTS, NO_BVH,
             np.zeros(1 + _COPIES, JOINED_PHOTON), np.zeros(0, ARRIVAL), np.zeros(1, np.int64),
         )  # fmt: skip
 
@@ -389,7 +391,8 @@ class JoinedPhotons:
         for first, last in spans:
             numbers[first // BLOCK % len(worlds)] += last - first
         kappa = np.array([world.joins.window.kappa for world in worlds])
-        depth = _way_in_water(self.link) / arrays.frame_of(self.link).unit
+        frame = arrays.frame_of(self.link)
+        bodies, depth = scene_of(self.link, frame), _way_in_water(self.link) / frame.unit
         # importance exp(-kappa depth) at the start, over the first base's: see `Tinting.mixed`
         importance = np.exp((kappa[0] - kappa) * depth)
 
@@ -399,9 +402,10 @@ class JoinedPhotons:
             world = worlds[base]._replace(first=first, tints=tinting.tints)
             room = _ROOM * (last - first) * n
             while True:  # followed again, with the same random numbers, if its rows had no room
-                with intersector.function() as bvh:
+                with intersector.function() as bvh, for_thread(bodies) as body_arrays:
                     block = world._replace(
                         bvh=bvh,
+                        bodies=body_arrays,
                         photon=np.zeros_like(world.photon),
                         manifold=_with_buffers(world.manifold),
                         arrivals=np.empty(room, ARRIVAL),
@@ -429,6 +433,26 @@ class _Run(NamedTuple):
     targets: list[Target]
     share: Floats  # factors on the scores of the targets
     first: list[int]  # by target, number of the crossing from which on light is scored
+
+
+def _require_followed(link: Link, frame: arrays.Frame, surface: MeshArrays) -> None:
+    """Refuse bodies that reflect light which no joined photon follows, nor any other part."""
+    smooth = max(surface.roughness[:2]) == 0.0
+    trough = frame.unit * float(surface.low[2])
+    for i, body in enumerate(link.bodies):
+        if not body.albedo_at(link.transmitters[0].wavelength_nm) > 0.0:
+            continue
+        path = f"objects[{i}]" if i < len(link.objects) else "water.bottom"
+        # photons are joined to ends in the air, and do not go on there
+        top = float(body.triangles()[0][:, 2].max())
+        if top > trough:
+            height = Described(f"a body that reflects, up to z = {top:.4g} m")
+            allowed = f"below the lowest trough, z = {trough:.4g} m, or black; {ends.ANALOG}"
+            raise Refused(path, height, allowed)
+        # a photon that runs backwards cannot hit the point that a lamp is
+        if body.reflection == "mirror" and smooth and link.direction == "down":
+            allowed = f"Lambertian or black below smooth waves and a lamp in the air; {ends.ANALOG}"
+            raise Refused(f"{path}.reflection", "mirror", allowed)
 
 
 def _with_buffers(manifold: Manifold | None) -> Manifold | None:
