@@ -32,7 +32,7 @@ from meshtrace.engine.photons.targets import (
     Window,
 )
 from meshtrace.engine.setup import arrays, ends
-from meshtrace.engine.setup.bodies import for_thread, scene_of
+from meshtrace.engine.setup.bodies import BodyScene, for_thread, scene_of
 from meshtrace.engine.setup.options import BLOCK
 from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.errors import Described, Refused
@@ -60,6 +60,8 @@ _TURBID = 1.0  # b (1 - g) depth beyond which diffusion theory is the importance
 _SPREAD = 1.3  # tuned: width of the law of crossings, over that of the slopes
 # tuned: decay of the chance of a connection with depth, over c; random slopes or turbid water
 _DECAY = 0.8
+# share of these guided directions left beside bodies that reflect; tuned: a plate below the lamp
+_BESIDE_BODIES = 0.25
 _START = 0.8  # factor on `_LOBE` and `_CONE` for the directions in which photons leave a source
 # tuned: expected directions per collision about the targets, over still water, over random slopes
 _LOBE, _ROUGH_LOBE = 0.5, 0.3
@@ -310,6 +312,7 @@ class JoinedPhotons:
             mean_share = _remaining_importance(water, link.water.n / link.n_air, spread)
             kappa = a + b * (1.0 - mean_share)
             window = window._replace(kappa=kappa, highest=_AIMED_HIGHEST, bent=_BENT)
+        walls = _walls(scene_of(link, frame))
         records = np.zeros(len(run.targets), TARGET)
         # area over which slopes spread light, per squared height: 2 pi sigma_a sigma_c (n - 1)^2
         blur = 2.0 * math.pi * surface.roughness.along * surface.roughness.across
@@ -319,7 +322,7 @@ class JoinedPhotons:
         for row, target, part in zip(records, run.targets, run.share, strict=True):
             _fill(row, target, part, 1.0 / max(a + b, 1e-300))  # no division by 0 in clear water
             if in_water:
-                _see_in_water(row, sources)
+                _see_in_water(row, sources, walls)
             if not target.is_lamp and rough > 0.0:
                 # the wider an aperture against the blur by slopes, the more of its points slopes
                 # draw
@@ -338,6 +341,8 @@ class JoinedPhotons:
         cone = 0.0 if window.diffuse else _CONE
         first = min(run.first)
         start = _START if first == 1 else 0.0
+        if len(walls):  # light that reflects may lead anywhere
+            start *= _BESIDE_BODIES
         start_lobe, start_cone = start * lobe, start * cone
         if in_water:  # close to a receiver even directions cost more copies than they save
             cone = 0.0
@@ -506,11 +511,26 @@ def _way_in_water(link: Link) -> float:
     return max(-item.center[2] for _, item in link.items())
 
 
-def _see_in_water(row: np.void, sources: Sources) -> None:
-    """Write the sphere of water about a receiver from which scattered light mostly reaches it."""
+def _walls(bodies: BodyScene | None) -> Floats:
+    """Return a corner of each facet that reflects light, in the frame of the bodies."""
+    if bodies is None:
+        return np.zeros((0, 3))
+    facets = bodies.arrays
+    return facets.vertices[facets.faces[facets.albedo[facets.body] > 0.0, 0]]
+
+
+def _see_in_water(row: np.void, sources: Sources, walls: Floats) -> None:
+    """Write the sphere of water about a receiver from which scattered light mostly reaches it.
+
+    It extends to the nearest of the points (n, 3) of bodies that reflect.
+    """
     far = np.linalg.norm(sources.position - row["center"], axis=1).max()
+    near = np.linalg.norm(walls - row["center"], axis=1).min(initial=math.inf)
     row["seen"][:3] = row["center"]
     row["seen"][3] = max(float(row["radius"]), _SEEN_SHARE * float(far))
+    # else roulette would end the light of a lamp beside the receiver before it comes back
+    if len(walls):
+        row["seen"][3] = max(row["seen"][3], near)
 
 
 def _images(
