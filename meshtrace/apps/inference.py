@@ -212,7 +212,7 @@ def infer(
         surface = FlatSea()
     options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
     campaign = campaign_of(link, surface, "infer", options, several=False)
-    campaign.require_change_of_sides()
+    campaign.require_chains()
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]
     variant = Variant(campaign.link, campaign.surface)

@@ -243,7 +243,7 @@ def optimize(
     # quantiles feel the short waves that make light fade; means hardly do
     fading = realizations > 1 and objective in FADES
     campaign = campaign_of(link, surface, "optimize", run, fading=fading, several=False)
-    campaign.require_change_of_sides()  # before candidates are evaluated
+    campaign.require_chains()  # before candidates are evaluated
     flight = campaign.flight(flight)
     if not (isinstance(constraints, list | tuple) and all(map(callable, constraints))):
         raise Refused("constraints", Described(type(constraints).__name__), "functions of the link")

@@ -38,7 +38,7 @@ from meshtrace.engine.choice import (
     returned_gain,
 )
 from meshtrace.engine.crossing import FLAT, ROOT
-from meshtrace.engine.setup.ends import ForcedLink, forced_link, require_points
+from meshtrace.engine.setup.ends import ForcedLink, forced_link, require_chains
 from meshtrace.engine.setup.options import IrradianceMap
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
@@ -194,7 +194,7 @@ class CellChains:
         threads: int = 1,
         stride: int = 1,
     ) -> None:
-        require_points(link)
+        require_chains(link)
         self._grid, self._seed, self._threads = grid, seed, threads
         receiver = link.receivers[0]
         self.cells = grid.n  # along each side

@@ -294,8 +294,7 @@ class Planner:
         """
         # light off the bottom needs joined photons, which do not follow published forms of physics
         try:
-            self.link.require_change_of_sides()
-            ends.require_points(self.link)
+            ends.require_chains(self.link)
             if self.link.water.bottom_depth is not None and not self._photons_follow():
                 depth = self.link.water.bottom_depth
                 raise Refused("water.bottom_depth", depth, ends.POINTS_ONLY)

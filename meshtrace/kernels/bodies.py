@@ -39,6 +39,28 @@ def first_body(p, d, bodies):
     return facet, max(plane_distance(p, d, facet, bodies), 0.0)
 
 
+_HAIR = 1e-4  # by which a path is shortened at its end, over 1 + its length: Embree is float32
+
+
+@inlined
+def is_hidden(p, d, length, bodies):
+    """Return whether a body cuts the straight path from p along d over a length.
+
+    Array twin: `BruteForceIntersector`.
+    """
+    if bodies is None:  # an argument: the rest is not compiled for links without bodies
+        return False
+    _, distance = first_body(p, d, bodies)
+    return distance < length - _HAIR * (1.0 + length)
+
+
+@inlined
+def normal_facing(d, facet, bodies):
+    """Return the normal of a facet on the side that light along d comes from."""
+    n = row(bodies.face_normals, facet)
+    return scaled(-1.0, n) if dot(d, n) > 0.0 else n
+
+
 _OFFSET = 1e-5  # distance of reflected light from its facet, over 1 + its largest coordinate
 
 
@@ -48,9 +70,7 @@ def reflected(p, d, facet, u_cos, u_phi, bodies):
 
     Array twin: cos theta = sqrt(u), or the law of reflection.
     """
-    n = row(bodies.face_normals, facet)
-    if dot(d, n) > 0.0:
-        n = scaled(-1.0, n)
+    n = normal_facing(d, facet, bodies)
     # started on the facet itself, a ray of single precision could meet it again
     reach = max(abs(p.x), abs(p.y), abs(p.z))
     start = along(p, n, _OFFSET * (1.0 + reach))

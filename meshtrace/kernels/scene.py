@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.kernels.bodies import BodyArrays
 from meshtrace.kernels.interface import Interface, MeshArrays, corners, inside_facet
 from meshtrace.kernels.jit import entry, inlined, record_type
 from meshtrace.kernels.medium import Medium
@@ -101,6 +102,7 @@ class Scene(NamedTuple):
     interface: Interface
     mirrored: bool = False
     reflects: bool = False  # source and target lie on one side, and the surface is their mirror
+    bodies: BodyArrays | None = None  # the right way up, in a mirrored scene too
 
 
 @inlined

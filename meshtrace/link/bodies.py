@@ -120,6 +120,10 @@ class Body(Model, frozen=True):
     lamp within a closed one lights its walls. Bodies may cross the surface of the sea and each
     other: light meets the nearest facet, and the sea goes on inside a body, where no light comes.
 
+    Both estimators follow bodies. `forced` joins light from Lambertian facets to the receiver; that
+    of mirrors counts where photons hit the receiver. It refuses bodies that reflect above the
+    lowest trough, and mirrors in a downlink over smooth waves. Studies by chains refuse bodies.
+
     Examples
     --------
     >>> from meshtrace.mesh import TriangleMesh

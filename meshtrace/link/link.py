@@ -230,16 +230,29 @@ class Link(Model, frozen=True):
         lamps = all(isinstance(t, AirLamp) for t in self.transmitters)
         return ("over" if lamps else "mixed") if air else "down"
 
-    def require_change_of_sides(self) -> None:
-        """Refuse a link whose ends lie on one side of the surface.
+    def require_chains(self) -> None:
+        """Refuse a link that photons follow, but no chains of scatterings.
 
         Raises
         ------
         Refused
-            If its direction is "under" or "over".
+            If its direction is "under" or "over", or if it has bodies.
         """
         if self.direction in SAME_SIDE:
             raise Refused("link", Described("ends on one side"), "a link that changes sides")
+        self.require_no_bodies("none: no chains of scatterings pass them")
+
+    def require_no_bodies(self, allowed: str) -> None:
+        """Refuse a link with bodies.
+
+        Raises
+        ------
+        Refused
+            If it has `objects`, or a mesh as its bottom; `allowed` is what the text allows.
+        """
+        if self.bodies:
+            path = "objects" if self.objects else "water.bottom"
+            raise Refused(path, Described(f"{len(self.bodies)} of them"), allowed)
 
     def mirrored(self) -> Self:
         """Return the link in the other direction: lamp and receiver change places.

@@ -271,10 +271,10 @@ class Campaign(NamedTuple):
         )
         return mesh_lines(joint, surface, self.meshing, reach, FADING_SPACING, self.fine_patch)
 
-    def require_change_of_sides(self) -> None:
-        """Refuse links with both ends on one side: photons follow them, chains do not."""
+    def require_chains(self) -> None:
+        """Refuse links that photons follow but no chains."""
         for link in self.links.values():
-            link.require_change_of_sides()
+            link.require_chains()
 
     def mesh(
         self,

@@ -352,7 +352,7 @@ def availability(
     """
     run.setdefault("photons", DEFAULT_CHAINS)
     campaign = campaign_of(link, None, "availability", run, several=False)
-    campaign.require_change_of_sides()
+    campaign.require_chains()
     if len(campaign.link.receivers) != 1:
         n = Described(f"{len(campaign.link.receivers)} apertures")
         raise Refused("receiver", n, "one aperture")

@@ -386,7 +386,7 @@ def sensitivities(
     campaign = campaign_of(
         link, surface, "sensitivities", run, fading=fading, several=False, chains=DEFAULT_CHAINS
     )
-    campaign.require_change_of_sides()  # before the search of a range
+    campaign.require_chains()  # before the search of a range
     if realizations > 1 and not isinstance(campaign.surface, SeededSurface):
         kind = getattr(campaign.surface, "kind", type(campaign.surface).__name__)
         raise Refused("realizations", realizations, f"1 over a surface of kind {kind}")

@@ -146,7 +146,7 @@ class _Beam:
     def __init__(self, links: Sequence[Link], surface: Any, times: Floats) -> None:
         link = links[0]
         self.tracker = tracker_of(link)
-        link.require_change_of_sides()
+        link.require_chains()
         if len(link.receivers) != 1 or not hasattr(link.transmitters[0], "tracker"):
             raise Refused("link", Described("other ends"), "one beam and one receiver")
         self._surface, self._times = surface, times

@@ -124,7 +124,7 @@ def design(
         raise Refused("scenario", Described(type(scenario).__name__), "a Scenario")
     options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
     # without the waves of fading, which such a link lacks
-    campaign_of(scenario, None, "design", options, several=False).require_change_of_sides()
+    campaign_of(scenario, None, "design", options, several=False).require_chains()
     campaign = campaign_of(scenario, None, "design", options, fading=True, several=False)
     with campaign.workers():
         study = _Study(campaign, outage, limit, realizations, combining)

@@ -57,7 +57,7 @@ from meshtrace.engine.setup.options import (
     resolve,
 )
 from meshtrace.engine.setup.tinting import CommonPaths, Tinting, photon_paths
-from meshtrace.errors import Described, Refused, require_word
+from meshtrace.errors import Refused, require_word
 from meshtrace.kernels.interface import split_rays
 from meshtrace.kernels.sources import BUBBLE_SCORE, SKY_SCORE, SUN_SCORE, Backward
 from meshtrace.kernels.tally import Tallies
@@ -691,9 +691,7 @@ def backgrounds_over(
 
     The links have one receiver and differ in their waters and lamps alone.
     """
-    if links[0].bodies:
-        number = Described(f"{len(links[0].bodies)} of them")
-        raise Refused("objects", number, "none: bodies hide and reflect no daylight here")
+    links[0].require_no_bodies("none: bodies hide and reflect no daylight here")
     aperture = only_aperture(links[0])
     seen = seen_from_air if aperture.center[2] > 0.0 else seen_from_water
     sin2 = math.sin(math.radians(0.5 * aperture.fov_deg)) ** 2

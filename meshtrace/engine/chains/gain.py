@@ -28,6 +28,7 @@ from meshtrace.engine import crossing
 from meshtrace.engine.chains.microfacets import slope_towards, whitened
 from meshtrace.engine.chains.unscattered import aperture_at
 from meshtrace.engine.crossing import is_steep
+from meshtrace.kernels.bodies import is_hidden
 from meshtrace.kernels.interface import SMOOTH, normal_at, over_gaussian, slope_tilt
 from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined, record_type
 from meshtrace.kernels.medium import (
@@ -416,12 +417,13 @@ def _emission_at(x, y, facet, shot, scene):
 
 @outlined
 def keep(chains, i, w, path, place, n, scene, out):
-    """Add the contribution w of chain i by a `Crossing` to the score, unless a wave cuts it off.
+    """Add the contribution w of chain i by a `Crossing` to the score, unless its path is cut off.
 
     Array twin: none, sums.
     `place` is the index of the score, n the number of arrivals before; returned is that after.
     """
-    if not (path.steep or _is_clear(chains, i, path, scene)):
+    clear = path.steep or _is_clear(chains, i, path, scene)
+    if not clear or _is_shadowed(path, scene.bodies):
         # The estimator has no second crossing: light that meets another wave is left out.
         out.counters[Counter.BLOCKED.value] += 1
         return n
@@ -530,6 +532,15 @@ def _transmit(chains, i, aim, p, start, scene):
         tau += absorption_path(medium, before.z, p.z, aim.length)
         tau += scattering_path(medium, before, p, aim.length)
     return weight * math.exp(-tau), deep
+
+
+@inlined
+def _is_shadowed(path, bodies):
+    """Return whether a body cuts a chain off: one without scatterings, as all beside bodies."""
+    aim, p = path.aim, path.point
+    if is_hidden(path.start, aim.w, aim.length, bodies):
+        return True
+    return is_hidden(p, aim.r, aim.flight, bodies)
 
 
 @outlined

@@ -47,13 +47,13 @@ def unscattered_map(
 
     Light counts that crosses the surface once, at its first arrival, and meets nothing else. None
     where it has to be sampled: for extended sources, light from the air, receivers in the water or
-    tilted, overhanging surfaces, random slopes too narrow for the cells, and some forms as
+    tilted, overhanging surfaces, bodies, random slopes too narrow for the cells, and some forms as
     published.
     """
     receiver = link.receivers[0]
     upright = isinstance(receiver, Receiver) and receiver.tilt_deg == 0.0
     points = all(isinstance(t, WaterSource) and t.size == 0.0 for t in link.transmitters)
-    if not (upright and points) or link.physics.fov != "angle":
+    if not (upright and points) or link.physics.fov != "angle" or link.bodies:
         return None
     # cells start at -extent; a last one may reach beyond +extent, which moves the middle
     middle = 0.5 * grid.n * grid.step - grid.extent

@@ -780,7 +780,9 @@ def _number_of_nodes(length, sigma, rule):
 
 @inlined
 def _passed(s, pencil, scene):
-    """Return the share of light that crosses the surface by a `Slope`, and the water behind it."""
+    """Return the share of light that passes the surface by a `Slope`, and the way behind it."""
+    if unscattered.is_shadowed(pencil.middle, s.aim.r, s.aim.flight, scene, scene.bodies):
+        return 0.0
     share = exposure(pencil.w, pencil.normal, s.tilt)
     share *= crossing.transmittance(s.aim, scene)
     # water before the surface dims a pencil as a whole, see `_part_gain`
@@ -895,6 +897,9 @@ def _part_gain(part, rule, work, scene):
     near = _NEAR * (size + radius)
     if radiant == 0.0 or inside < -near:
         return 0.0
+    source = scene.emitter.position
+    if unscattered.is_shadowed(source, pencil.w, pencil.length, scene, scene.bodies):
+        return 0.0
     # Small parts see the rims of aperture and view alike: integrate over the lens. Larger ones take
     # fixed nodes and are cut at the view of each.
     at_edge = inside <= near and size <= radius and scene.interface.fov == FieldOfView.ANGLE
@@ -909,6 +914,6 @@ def _part_gain(part, rule, work, scene):
         area, total = _disk_light(pencil, near, inside, (p, q, r), rule, scene)
     # the way to the centroid stands for those of the part; all nodes share it
     if not scene.mirrored:
-        tau = depth_between(scene.medium, scene.emitter.position, middle, pencil.length)
+        tau = depth_between(scene.medium, source, middle, pencil.length)
         radiant *= math.exp(-tau)
     return area * radiant * pencil.omega * total

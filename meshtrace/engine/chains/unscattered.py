@@ -15,6 +15,7 @@ import numpy as np
 
 from meshtrace.engine import crossing
 from meshtrace.engine.crossing import transmittance
+from meshtrace.kernels.bodies import is_hidden
 from meshtrace.kernels.interface import FieldOfView, corners, normal_at
 from meshtrace.kernels.jit import ONE, ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
@@ -357,6 +358,18 @@ def unless_hidden(total, f, scene):
 
 
 @inlined
+def is_shadowed(p, d, length, scene, bodies):
+    """Return whether a body cuts the straight path from p along d over a length.
+
+    Array twin: `kernels.bodies.is_hidden`, in a scene that is not mirrored.
+    """
+    if bodies is None:  # an argument: the rest is not compiled for links without bodies
+        return False
+    up = -1.0 if scene.mirrored else 1.0
+    return is_hidden(Vec3(p.x, p.y, up * p.z), Vec3(d.x, d.y, up * d.z), length, bodies)
+
+
+@inlined
 def whole_facet(n, stack):
     """Put a facet on a stack; return the least power of two >= n, and the stack's height.
 
@@ -601,5 +614,9 @@ def _image_light(a, b, c, f, shot, scene):
         return 0.0
     p = Vec3(middle3.x, middle3.y, height_on(middle3.x, middle3.y, f, scene.surface))
     source = scene.emitter.position
+    if is_shadowed(source, m.w, m.length, scene, scene.bodies):
+        return 0.0
+    if is_shadowed(p, m.r, m.flight, scene, scene.bodies):
+        return 0.0
     omega = solid_angle(minus(a.p, source), minus(b.p, source), minus(c.p, source))
     return omega * share * carried(1.0, p, m, scene)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from meshtrace.engine.bvh import Intersector
 from meshtrace.engine.photons import flight as kernel
 from meshtrace.engine.setup import arrays
-from meshtrace.engine.setup.bodies import body_arrays, scene_of
+from meshtrace.engine.setup.bodies import BodyScene, for_thread, scene_of
 from meshtrace.engine.setup.options import BLOCK, Analog, IrradianceMap, Record, read_records
 from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.kernels.rays import NO_BVH
@@ -203,7 +203,7 @@ class Setup(NamedTuple):
 
     frame: arrays.Frame
     intersector: Intersector
-    bodies: Intersector | None
+    bodies: BodyScene | None
     world: kernel.World
     arrivals: int  # room for those of a photon, 0 where none are recorded
 
@@ -306,12 +306,12 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
         )
         # every thread has tallies and a photon of its own; the surface is shared
         with ExitStack() as scenes:
-            photon, bodies = np.zeros(1, kernel.PHOTON), setup.world.bodies
-            bvh = scenes.enter_context(setup.intersector.function())
-            if bodies is not None and setup.bodies is not None:
-                bodies = bodies._replace(bvh=scenes.enter_context(setup.bodies.function()))
             world = setup.world._replace(
-                first=first, tallies=tallies, bvh=bvh, bodies=bodies, photon=photon
+                first=first,
+                tallies=tallies,
+                bvh=scenes.enter_context(setup.intersector.function()),
+                bodies=scenes.enter_context(for_thread(setup.bodies)),
+                photon=np.zeros(1, kernel.PHOTON),
             )
             kernel.follow(first, last, world)
         if not setup.arrivals or int(tallies.n_arrivals[0]) <= room:
@@ -360,14 +360,13 @@ def setup_of(
             # the limit above 0
             roulette = 0.5 * math.exp(-min(link.water.a * depth, 600.0))
     medium = frame.medium(arrays.medium_arrays(link, frame.unit * crest))
-    bodies = scene_of(link, frame)
     world = kernel.World(
         first=0,
         seed=np.uint64(seed),  # numba takes a Python integer for a signed one
         sources=sources,
         surface=surface,
         grid=arrays.grid_arrays(mesh) if intersector.shortcut else arrays.NO_GRID,
-        bodies=None if bodies is None else body_arrays(link, bodies),
+        bodies=None,  # those of a thread, see `chunk_tallies`
         medium=arrays.with_raster(medium, intersector),
         apertures=arrays.aperture_arrays(link, frame),
         interface=arrays.interface_arrays(link),
@@ -382,7 +381,7 @@ def setup_of(
         photon=np.zeros(1, kernel.PHOTON),
     )
     room = len(link.receivers) * ("arrivals" in records)
-    return Setup(frame, intersector, bodies, world, room)
+    return Setup(frame, intersector, scene_of(link, frame), world, room)
 
 
 def new_recorder(photons: int, vertices: int) -> kernel.Recorder:

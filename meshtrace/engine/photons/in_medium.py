@@ -1,6 +1,7 @@
 """Joined photons and receivers in the water: light that goes on straight to them.
 
-A collision, or a point of the bottom, at p lights a point x of the aperture by
+A collision, or a point of the bottom or of a Lambertian body, at p lights a point x of the aperture
+by
 
     W f(w) exp(-tau) cos(theta) / r^2 |A|,
 
@@ -15,7 +16,8 @@ f <= `drawn` bounds by W.
 Light that the surface mirrors on its way from the last event to the receiver is joined as light
 that it refracts, see `photons.next_event`, with `Scene.reflects`. Without random slopes the
 photon that goes on may also hit the receiver after its reflection: the density of connections is
-then |dx/dw| / |A|, and both ways are combined as those of straight light.
+then |dx/dw| / |A|, and both ways are combined as those of straight light. Light that a mirror body
+has turned since the last event has no connection: hits alone bring it.
 
 References
 ----------
@@ -31,11 +33,12 @@ from meshtrace.engine import crossing
 from meshtrace.engine.photons import targets
 from meshtrace.engine.photons.flight import heading, place
 from meshtrace.kernels import interface
+from meshtrace.kernels.bodies import is_hidden
 from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import first_facet
-from meshtrace.kernels.tally import BOTTOM, SCATTERED, keep_arrival
+from meshtrace.kernels.tally import keep_arrival
 from meshtrace.kernels.tints import tint_way
 from meshtrace.kernels.vectors import ORIGIN, UP, Vec2, along, dot, minus, norm, scaled
 
@@ -44,7 +47,9 @@ _HAIR = 1e-4  # by which a path is shortened at its ends, over 1 m + its length:
 
 @inlined
 def _is_unobstructed(p, d, length, world):
-    """Return whether no wave cuts off a straight path in the water."""
+    """Return whether neither waves nor bodies cut off a straight path in the water."""
+    if is_hidden(p, d, length, world.bodies):
+        return False
     # paths below the lowest trough, most of them, meet no wave
     if max(p.z, p.z + length * d.z) < world.surface.low[2]:
         return True
@@ -86,7 +91,7 @@ def _score(q, i, weight, theta, p, way, cosine, world):
     if n >= 0:  # there is room for it
         a, r = world.arrivals[n], norm(way)
         a.water, a.air, a.order, a.cosine = q.water + r, q.air, q.order, cosine
-        a.part = BOTTOM if q.at_bottom == 1 else SCATTERED
+        a.part = q.turned_by
         tint_way(world.tints, a.tint, p.z, p.z + way.z, r)
         if theta >= 0.0:
             _, _, _, u = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
@@ -145,11 +150,13 @@ def join_hits(q, world, same_side):
             continue
         if not _is_unobstructed(start, d, r, world):
             continue
-        # q.weight is already over `density`
-        here = _point_density(r, facing, target, q.chance)
-        if q.facet >= 0:
-            here = _mirror_density(start, q, scene)
-        weight = q.weight * q.density / (q.density + here)
+        weight = q.weight
+        if q.density > 0.0:  # else a mirror body has turned it, and no connection brings its light
+            # q.weight is already over `density`
+            here = _point_density(r, facing, target, q.chance)
+            if q.facet >= 0:
+                here = _mirror_density(start, q, scene)
+            weight = q.weight * q.density / (q.density + here)
         weight *= math.exp(-depth_between(world.medium, start, along(start, d, r), r))
         if weight > 0.0:
             _score(q, i, weight, -1.0, start, scaled(r, d), facing, world)

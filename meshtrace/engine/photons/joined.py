@@ -32,6 +32,7 @@ from meshtrace.engine.photons.targets import (
     Window,
 )
 from meshtrace.engine.setup import arrays, ends
+from meshtrace.engine.setup.bodies import BodyScene, for_thread, scene_of
 from meshtrace.engine.setup.options import BLOCK
 from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.errors import Described, Refused
@@ -59,6 +60,8 @@ _TURBID = 1.0  # b (1 - g) depth beyond which diffusion theory is the importance
 _SPREAD = 1.3  # tuned: width of the law of crossings, over that of the slopes
 # tuned: decay of the chance of a connection with depth, over c; random slopes or turbid water
 _DECAY = 0.8
+# share of these guided directions left beside bodies that reflect; tuned: a plate below the lamp
+_BESIDE_BODIES = 0.25
 _START = 0.8  # factor on `_LOBE` and `_CONE` for the directions in which photons leave a source
 # tuned: expected directions per collision about the targets, over still water, over random slopes
 _LOBE, _ROUGH_LOBE = 0.5, 0.3
@@ -254,6 +257,7 @@ class JoinedPhotons:
         """Return the inputs of the photons of a run."""
         link, start = self.link, run.start
         surface = arrays.surface_arrays(intersector.mesh, self._normals, link.physics.unresolved)
+        _require_followed(link, frame, surface)
         is_level = surface.low[2] == surface.high[2] and surface.max_slope == 0.0
         # smooth waves focus: crossings are then solved for, all of them
         is_smooth = not is_level and max(surface.roughness[:2]) == 0.0
@@ -279,8 +283,8 @@ class JoinedPhotons:
         joins = self._joins(surface, sources, run, frame, bins, facets)
         return JoinedWorld(
             0, np.uint64(self.seed), sources, surface, grid, medium,
-            arrays.interface_arrays(link), joins, manifold, self._same_side, _EVENTS, NO_TINTS,
-            NO_BVH,
+            arrays.interface_arrays(link), joins, manifold, None, self._same_side, _EVENTS,
+            NO_TINTS, NO_BVH,
             np.zeros(1 + _COPIES, JOINED_PHOTON), np.zeros(0, ARRIVAL), np.zeros(1, np.int64),
         )  # fmt: skip
 
@@ -319,6 +323,7 @@ class JoinedPhotons:
             mean_share = _remaining_importance(water, link.water.n / link.n_air, spread)
             kappa = a + b * (1.0 - mean_share)
             window = window._replace(kappa=kappa, highest=_AIMED_HIGHEST, bent=_BENT)
+        walls = _walls(scene_of(link, frame))
         records = np.zeros(len(run.targets), TARGET)
         # area over which slopes spread light, per squared height: 2 pi sigma_a sigma_c (n - 1)^2
         blur = 2.0 * math.pi * surface.roughness.along * surface.roughness.across
@@ -328,7 +333,7 @@ class JoinedPhotons:
         for row, target, part in zip(records, run.targets, run.share, strict=True):
             _fill(row, target, part, 1.0 / max(a + b, 1e-300))  # no division by 0 in clear water
             if in_water:
-                _see_in_water(row, sources)
+                _see_in_water(row, sources, walls)
             if not target.is_lamp and rough > 0.0:
                 # the wider an aperture against the blur by slopes, the more of its points slopes
                 # draw
@@ -347,6 +352,8 @@ class JoinedPhotons:
         cone = 0.0 if window.diffuse else _CONE
         first = min(run.first)
         start = _START if first == 1 else 0.0
+        if len(walls):  # light that reflects may lead anywhere
+            start *= _BESIDE_BODIES
         start_lobe, start_cone = start * lobe, start * cone
         if in_water:  # close to a receiver even directions cost more copies than they save
             cone = 0.0
@@ -401,7 +408,8 @@ class JoinedPhotons:
         for first, last in spans:
             numbers[first // BLOCK % len(worlds)] += last - first
         kappa = np.array([world.joins.window.kappa for world in worlds])
-        depth = _way_in_water(self.link) / arrays.frame_of(self.link).unit
+        frame = arrays.frame_of(self.link)
+        bodies, depth = scene_of(self.link, frame), _way_in_water(self.link) / frame.unit
         # importance exp(-kappa depth) at the start, over the first base's: see `Tinting.mixed`
         importance = np.exp((kappa[0] - kappa) * depth)
 
@@ -411,9 +419,10 @@ class JoinedPhotons:
             world = worlds[base]._replace(first=first, tints=tinting.tints)
             room = _ROOM * (last - first) * n
             while True:  # followed again, with the same random numbers, if its rows had no room
-                with intersector.function() as bvh:
+                with intersector.function() as bvh, for_thread(bodies) as body_arrays:
                     block = world._replace(
                         bvh=bvh,
+                        bodies=body_arrays,
                         photon=np.zeros_like(world.photon),
                         manifold=_with_buffers(world.manifold),
                         arrivals=np.empty(room, ARRIVAL),
@@ -442,6 +451,26 @@ class _Run(NamedTuple):
     targets: list[Target]
     share: Floats  # factors on the scores of the targets
     first: list[int]  # by target, number of the crossing from which on light is scored
+
+
+def _require_followed(link: Link, frame: arrays.Frame, surface: MeshArrays) -> None:
+    """Refuse bodies that reflect light which no joined photon follows, nor any other part."""
+    smooth = max(surface.roughness[:2]) == 0.0
+    trough = frame.unit * float(surface.low[2])
+    for i, body in enumerate(link.bodies):
+        if not body.albedo_at(link.transmitters[0].wavelength_nm) > 0.0:
+            continue
+        path = f"objects[{i}]" if i < len(link.objects) else "water.bottom"
+        # photons are joined to ends in the air, and do not go on there
+        top = float(body.triangles()[0][:, 2].max())
+        if top > trough:
+            height = Described(f"a body that reflects, up to z = {top:.4g} m")
+            allowed = f"below the lowest trough, z = {trough:.4g} m, or black; {ends.ANALOG}"
+            raise Refused(path, height, allowed)
+        # a photon that runs backwards cannot hit the point that a lamp is
+        if body.reflection == "mirror" and smooth and link.direction == "down":
+            allowed = f"Lambertian or black below smooth waves and a lamp in the air; {ends.ANALOG}"
+            raise Refused(f"{path}.reflection", "mirror", allowed)
 
 
 def _with_buffers(manifold: Manifold | None) -> Manifold | None:
@@ -495,11 +524,26 @@ def _way_in_water(link: Link) -> float:
     return max(-item.center[2] for _, item in link.items())
 
 
-def _see_in_water(row: np.void, sources: Sources) -> None:
-    """Write the sphere of water about a receiver from which scattered light mostly reaches it."""
+def _walls(bodies: BodyScene | None) -> Floats:
+    """Return a corner of each facet that reflects light, in the frame of the bodies."""
+    if bodies is None:
+        return np.zeros((0, 3))
+    facets = bodies.arrays
+    return facets.vertices[facets.faces[facets.albedo[facets.body] > 0.0, 0]]
+
+
+def _see_in_water(row: np.void, sources: Sources, walls: Floats) -> None:
+    """Write the sphere of water about a receiver from which scattered light mostly reaches it.
+
+    It extends to the nearest of the points (n, 3) of bodies that reflect.
+    """
     far = np.linalg.norm(sources.position - row["center"], axis=1).max()
+    near = np.linalg.norm(walls - row["center"], axis=1).min(initial=math.inf)
     row["seen"][:3] = row["center"]
     row["seen"][3] = max(float(row["radius"]), _SEEN_SHARE * float(far))
+    # else roulette would end the light of a lamp beside the receiver before it comes back
+    if len(walls):
+        row["seen"][3] = max(row["seen"][3], near)
 
 
 def _images(

@@ -22,14 +22,24 @@ import math
 import numpy as np
 
 from meshtrace.engine.photons import targets
-from meshtrace.engine.photons.flight import bending_normal, facet_ahead, head, heading, place, put
+from meshtrace.engine.photons.flight import (
+    bending_normal,
+    facet_ahead,
+    head,
+    heading,
+    look_ahead,
+    place,
+    put,
+)
 from meshtrace.engine.photons.in_medium import join_hits
-from meshtrace.engine.photons.next_event import join_collision, join_crossing
+from meshtrace.engine.photons.next_event import hit_crossing, join_collision, join_crossing
 from meshtrace.engine.photons.targets import Law
 from meshtrace.kernels import interface, medium
+from meshtrace.kernels.bodies import is_hidden, normal_facing, reflected
 from meshtrace.kernels.jit import NO, YES, ZERO, entry, inlined, outlined
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.sources import SourceKind, lambert_reflection, launch
+from meshtrace.kernels.tally import BODY, BOTTOM, SCATTERED
 from meshtrace.kernels.tints import reset_tint, tint_way
 from meshtrace.kernels.vectors import TWO_PI, Vec2, along, dot, row, scaled, turn
 
@@ -244,8 +254,9 @@ _LEANING = 2.0  # standard deviations by which waves lean in a bound on their re
 
 @inlined
 def _draw_path(q, u, world):
-    """Draw the free path to the next collision."""
+    """Draw the free path to the next collision, or to a body before it."""
     q.free = medium.sample_free_path(world.medium, place(q), u) / world.joins.often
+    look_ahead(q, world.bodies)
 
 
 @inlined
@@ -258,7 +269,7 @@ def _start(q, photon, world):
     put(q, p)
     head(q, d)
     q.water, q.id, q.event, q.order, q.reflections, q.returns = 0.0, photon, 0, 0, 0, 0
-    q.air, q.at_bottom = 0.0, 0
+    q.air, q.turned_by = 0.0, SCATTERED
     if not world.sources.in_water[source]:
         _enter(q, world, world.same_side)
         p = place(q)
@@ -284,6 +295,9 @@ def _enter(q, world, same_side):
         q.weight = 0.0
         return
     length = max(interface.plane_distance(p, d, facet, world.surface), 0.0)
+    if is_hidden(p, d, length, world.bodies):  # bodies in the air are black, see `joined`
+        q.weight = 0.0
+        return
     put(q, along(p, d, length))
     q.air = length
     g, n, _ = bending_normal(q, facet, world)
@@ -314,6 +328,7 @@ def _look_ahead(q, world, manifold):
     Light that goes on straight to a receiver in the water is joined first.
     """
     join_hits(q, world, world.same_side)
+    _hit_beyond(q, world, world.bodies)
     # smooth waves; a separate argument, so that numba leaves the rest out by its type
     if manifold is not None:
         return
@@ -336,6 +351,24 @@ def _look_ahead(q, world, manifold):
         facet, distance = _facet_ahead(q, world)
         if facet >= 0:
             join_crossing(q, facet, distance, chance, world)
+
+
+@outlined
+def _hit_beyond(q, world, bodies):
+    """Score light of a mirror body on receivers that it hits through smooth water.
+
+    Array twin: `join_hits` of receivers in the water.
+    """
+    if bodies is None:  # an argument: not compiled for links without bodies
+        return
+    if q.density >= 0.0 or targets.is_mirrored(world.same_side):
+        return
+    # over random slopes its crossing is joined, see `_look_ahead`
+    if interface.is_rough(world.surface.roughness):
+        return
+    facet, distance = _facet_ahead(q, world)
+    if facet >= 0:
+        hit_crossing(q, facet, distance, world)
 
 
 @inlined
@@ -396,7 +429,7 @@ def _note_mirror(q, facet, world, same_side):
     is_joined = q.density > 0.0 and not interface.is_rough(world.surface.roughness)
     if targets.is_mirrored(same_side) and is_joined and q.facet < 0:
         q.facet = facet
-    else:
+    elif q.density > 0.0 or interface.is_rough(world.surface.roughness):
         q.density = 0.0
 
 
@@ -436,19 +469,20 @@ def _is_worth(q, is_turned, world):
 
 
 @outlined
-def _guide_from_bottom(q, world, same_side):
-    """Send copies of a photon from the bottom towards the targets, as after a collision.
+def _guide_from_wall(q, d, world, same_side):
+    """Send copies of a photon from the bottom or a body towards the targets, as after a collision.
 
     Array twin: photons without `Joins.lobe`.
-    Light from the bottom that almost heads for a target, and is scattered forwards on its way, is
-    most of what comes back to a narrow view: few photons would carry it in heavy scores.
+    The photon itself goes on along d. Light from the bottom that almost heads for a target, and is
+    scattered forwards on its way, is most of what comes back to a narrow view: few photons would
+    carry it in heavy scores.
     """
     if same_side is None:  # an argument: not compiled for links that change sides
         return
     lobe, cone = targets.guided_directions(q, world)
     if lobe + cone == 0.0:
         return
-    d, phase = heading(q), q.density
+    phase = q.density
     u_guide, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.GUIDE.value)
     if u_guide < lobe + cone and q.copies + 1 < len(world.photon):
         _choose_guide(q, u_guide, lobe, cone, len(world.joins.guide))
@@ -469,17 +503,56 @@ def _bounce(q, world):
         return False
     # joined before its direction is drawn, like a collision; by Lambert's law in place of a phase
     # function
-    join_collision(q, YES, world)
+    join_collision(q, BOTTOM, world)
     if not _is_worth(q, NO, world):
         return False
     u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BOTTOM.value)
-    head(q, lambert_reflection(u_cos, u_phi))
-    if q.density > 0.0:  # the bottom was joined: density of Lambert's law for its direction
-        q.density = q.dz / math.pi
-        _guide_from_bottom(q, world, world.same_side)
+    d = lambert_reflection(u_cos, u_phi)
+    return _leave_wall(q, d, d.z, u_path, world)
+
+
+@outlined
+def _leave_wall(q, d, cosine, u_path, world):
+    """Send a photon along d, by its cosine to the normal of a wall; return whether it lives."""
+    if q.density > 0.0:  # the wall was joined: density of Lambert's law for its direction
+        q.density = cosine / math.pi
+        _guide_from_wall(q, d, world, world.same_side)
+    head(q, d)
     _draw_path(q, u_path, world)
     _look_ahead(q, world, world.manifold)
     return _is_worth(q, YES, world)
+
+
+@inlined
+def _end_path(q, world, bodies):
+    """Apply what ends a free path, a body or a collision; return whether the photon lives."""
+    if bodies is not None:  # an argument: not compiled for links without bodies
+        if q.body >= 0:
+            return _meet(q, world, bodies)
+    return _scatter(q, world)
+
+
+@outlined
+def _meet(q, world, bodies):
+    """Reflect a photon off the body that it has reached; return whether it lives."""
+    body, incoming = bodies.body[q.body], heading(q)
+    q.weight *= bodies.albedo[body]
+    q.event += 1
+    q.returns += 1
+    if q.weight == 0.0:
+        return False
+    u_cos, u_phi, u_path, _ = uniforms(world.seed, q.id, q.event, Purpose.BODY.value)
+    p, d = reflected(place(q), incoming, q.body, u_cos, u_phi, bodies)
+    put(q, p)
+    if bodies.is_mirror[body]:
+        q.order += 1
+        q.turned_by, q.density, q.level = BODY, -1.0, targets.level_over(p, world)
+        targets.note_event(q, world.same_side)
+    else:
+        join_collision(q, BODY, world)
+        if not _is_worth(q, NO, world):
+            return False
+    return _leave_wall(q, d, dot(d, normal_facing(incoming, q.body, bodies)), u_path, world)
 
 
 @outlined
@@ -495,7 +568,7 @@ def _scatter(q, world):
         if q.order == 0:
             # ratio to the start unchanged: no roulette for the factor 1 / often
             q.importance /= world.joins.often
-        join_collision(q, NO, world)
+        join_collision(q, SCATTERED, world)
         if not _is_worth(q, NO, world):
             return False
         # Splitting before the direction is drawn: copies take different ways.
@@ -568,7 +641,7 @@ def _walk(q, world):
             return
         else:
             _fly(q, t, world)
-            alive = _scatter(q, world)
+            alive = _end_path(q, world, world.bodies)
 
 
 @entry

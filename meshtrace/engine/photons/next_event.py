@@ -46,13 +46,14 @@ from meshtrace.engine.photons import targets
 from meshtrace.engine.photons.flight import heading, place
 from meshtrace.engine.photons.in_medium import join_straight
 from meshtrace.kernels import interface
+from meshtrace.kernels.bodies import is_hidden
 from meshtrace.kernels.interface import MeshArrays
 from meshtrace.kernels.jit import ONE, ZERO, inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import first_facet
 from meshtrace.kernels.scene import FLAT_SEA, Scene, height_on
-from meshtrace.kernels.tally import BOTTOM, DIRECT, MIRRORED, REFLECTED, SCATTERED, keep_arrival
+from meshtrace.kernels.tally import DIRECT, MIRRORED, REFLECTED, SCATTERED, keep_arrival
 from meshtrace.kernels.tints import tint_way
 from meshtrace.kernels.vectors import (
     ORIGIN,
@@ -173,10 +174,12 @@ def _on_all_facets(still, shot, scene, manifold):
 
 @inlined
 def _is_clear(p, d, length, facet, world):
-    """Return whether no wave cuts a straight path off.
+    """Return whether neither waves nor bodies cut a straight path off.
 
     `facet` is the one where it starts or ends.
     """
+    if is_hidden(p, d, length, world.bodies):
+        return False
     # A path steeper than every facet leaves a surface once and for all, upwards or downwards.
     slope = world.surface.max_slope
     if abs(d.z) > slope * math.sqrt(d.x * d.x + d.y * d.y):
@@ -278,7 +281,7 @@ def _part_of(q, same_side):
         return SCATTERED if q.order > 0 else DIRECT
     if q.order == 0:
         return MIRRORED
-    return BOTTOM if q.at_bottom == 1 else SCATTERED
+    return q.turned_by
 
 
 @outlined
@@ -288,6 +291,8 @@ def join_crossing(q, facet, length, chance, world):
     Array twin: the analog photon, whose slope is drawn.
     """
     joins, start, d = world.joins, place(q), heading(q)
+    if is_hidden(start, d, length, world.bodies):
+        return
     p = along(start, d, length)
     g = row(world.surface.face_normals, facet)
     n = interface.normal_on(p, facet, world.surface)
@@ -322,22 +327,47 @@ def join_crossing(q, facet, length, chance, world):
 
 
 @outlined
-def join_collision(q, at_bottom, world):
-    """Join a photon that is scattered, or reflected by the bottom, to every target.
+def hit_crossing(q, facet, length, world):
+    """Score a photon on every target to which a smooth facet at a distance refracts it.
+
+    Array twin: the analog photon.
+    For light that a mirror body has turned: without random slopes no connection brings it.
+    """
+    start, d = place(q), heading(q)
+    if is_hidden(start, d, length, world.bodies):
+        return
+    p = along(start, d, length)
+    n = interface.normal_on(p, facet, world.surface)
+    weight = q.weight * math.exp(-depth_between(world.medium, start, p, length))
+    for i in range(len(world.joins.target)):
+        scene = targets.scene_to(world.joins.target[i], world)
+        m, radius = crossing.land_from(p, n, d, d, length, scene), scene.target.radius
+        if not m.ok or m.at.x * m.at.x + m.at.y * m.at.y > radius * radius:
+            continue
+        share = crossing.acceptance(m, p, scene.target, world.interface.fov)
+        share *= crossing.transmittance(m, scene)
+        ahead = dot(m.r, row(world.surface.face_normals, facet))
+        if share > 0.0 and ahead > 0.0 and _is_clear(p, m.r, m.flight, facet, world):
+            _score(q, i, weight * share, -1.0, p, m.at, length, world)
+
+
+@outlined
+def join_collision(q, turned_by, world):
+    """Join a photon that is scattered, or reflected by the bottom or a body, to every target.
 
     Array twin: `join_crossing` of the photon that goes on.
     """
     joins = world.joins
     q.order += 1
     q.is_guided = 1 if q.copies + targets.SPARE < len(world.photon) else 0
-    start, q.density = place(q), 0.0
+    start, q.density, q.turned_by = place(q), 0.0, turned_by
     targets.note_event(q, world.same_side)
     q.level = level = targets.level_over(start, world)
     if q.returns + 1 < joins.first:
         return
     # By chance: connections of deep collisions bring exp(-c depth), and cost as much as others.
     chance = targets.collision_chance(max(level - start.z, targets.LEAST_DEPTH), joins)
-    q.chance, q.at_bottom = chance, 1 if at_bottom else 0
+    q.chance = chance
     q.density = 1.0  # > 0: may be joined; replaced when the next direction is drawn
     u_connection, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.JOIN.value)
     if u_connection >= chance:

@@ -18,15 +18,18 @@ from numpy.typing import NDArray
 from meshtrace.engine import crossing
 from meshtrace.engine.photons.flight import UNDER_WAY, heading, place
 from meshtrace.kernels import interface
+from meshtrace.kernels.bodies import BodyArrays, normal_facing
 from meshtrace.kernels.interface import Interface, MeshArrays
 from meshtrace.kernels.jit import inlined, outlined, record_type
 from meshtrace.kernels.medium import AngleTable, Medium, phase_at, scattering_coefficients
 from meshtrace.kernels.rays import Bvh, Grid, facet_over
 from meshtrace.kernels.scene import Emitter, Locator, Scene, Target, height_on, locate
 from meshtrace.kernels.sources import Sources
+from meshtrace.kernels.tally import BODY, SCATTERED
 from meshtrace.kernels.tints import Tints, is_tinted, tint_scattering
 from meshtrace.kernels.vectors import (
     TWO_PI,
+    UP,
     Vec2,
     Vec3,
     along,
@@ -41,12 +44,13 @@ from meshtrace.kernels.vectors import (
 JOINED_PHOTON = record_type(
     [
         *UNDER_WAY,
-        ("order", np.int64),  # scatterings and reflections by the bottom
+        ("order", np.int64),  # scatterings, and reflections by the bottom and by bodies
         ("reflections", np.int64),  # by the surface
-        ("returns", np.int64),  # by the surface or the bottom
+        ("returns", np.int64),  # by the surface, the bottom or bodies
         ("level", float),  # height of the surface above its last event [m], see `level_over`
         ("bend", float),  # squared slope that its direction needs, over its variance: `bend_ahead`
-        ("density", float),  # of its direction [sr-1], see `drawn_density`; 0: not joined
+        # of its direction [sr-1], see `drawn_density`; 0: not joined; < 0: turned by a mirror body
+        ("density", float),
         ("importance", float),  # of the start
         ("u", float),  # u, v: uniforms of the point of each aperture that collisions are joined to
         ("v", float),
@@ -58,7 +62,8 @@ JOINED_PHOTON = record_type(
         ("air", float),  # path in the air from the source to the water [m]
         ("event_at", float, (3,)),  # place of its last event, of links on one side [m]
         ("facet", np.int64),  # that has reflected it since, -1 without one
-        ("at_bottom", np.int64),  # whether its last event was at the bottom
+        ("turned_by", np.int64),  # its last event: SCATTERED, BOTTOM or BODY of `kernels.tally`
+        ("body", np.int64),  # facet of a body at the end of the free path, -1: none
     ]
 )
 """A joined photon under way."""
@@ -176,6 +181,7 @@ class JoinedWorld(NamedTuple):
     interface: Interface
     joins: Joins
     manifold: Manifold | None  # for smooth waves
+    bodies: BodyArrays | None  # None: kernels of links without bodies compile nothing of them
     same_side: SameSide | None  # None: kernels of links that change sides compile nothing of it
     events: int  # after which a photon is ended
     tints: Tints | None
@@ -209,7 +215,7 @@ def scene_to(t, world):
     bins, facets = joins.locator, joins.facets
     return Scene(
         lamp, target, surface, bins, facets, world.medium, world.interface, False,
-        is_mirrored(world.same_side),
+        is_mirrored(world.same_side), None,
     )  # fmt: skip
 
 
@@ -385,15 +391,24 @@ def note_event(q, same_side):
 
 
 @inlined
+def _wall_normal(q, bodies):
+    """Return the normal of the bottom or body that a photon has met, on its side."""
+    if bodies is not None:  # an argument: not compiled for links without bodies
+        if q.turned_by == BODY:
+            return normal_facing(heading(q), q.body, bodies)
+    return UP
+
+
+@inlined
 def after_event(w, q, world):
     """Return the density of directions [sr-1] along w after an event, and the scattering angle.
 
-    The angle [rad] is -1 at the bottom, 0 where no other wavelengths need it.
+    The angle [rad] is -1 at the bottom or a body, 0 where no other wavelengths need it.
     """
     start, d = place(q), heading(q)
-    if q.at_bottom == 1:
+    if q.turned_by != SCATTERED:
         # Lambert's law
-        return max(w.z, 0.0) / math.pi, -1.0
+        return max(dot(w, _wall_normal(q, world.bodies)), 0.0) / math.pi, -1.0
     theta = angle_between(d, w) if is_tinted(world.tints) else 0.0
     return mixed_phase(d, w, start, world), theta
 
@@ -539,8 +554,8 @@ def drawn_density(d, phase, q, world):
 
 @inlined
 def drawn_after(w, phase, q, world):
-    """Return `drawn_density` after an event; from the bottom only links on one side are guided."""
-    if q.at_bottom == 1 and world.same_side is None:
+    """Return `drawn_density` after an event; off walls only links on one side are guided."""
+    if q.turned_by != SCATTERED and world.same_side is None:
         return phase
     return drawn_density(w, phase, q, world)
 

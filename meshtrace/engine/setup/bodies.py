@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,11 +17,31 @@ from meshtrace.link import Body, Link
 from meshtrace.mesh import TriangleMesh
 
 
-def scene_of(link: Link, frame: Frame) -> EmbreeIntersector | None:
+class BodyScene(NamedTuple):
+    """All bodies of a link in a frame."""
+
+    intersector: EmbreeIntersector
+    arrays: BodyArrays  # with the albedos at the wavelength of the link
+
+
+def scene_of(link: Link, frame: Frame) -> BodyScene | None:
     """Return the scene of all bodies of a link in a frame, None without bodies."""
+    if not link.bodies:
+        return None
     # the placed bodies alone decide: links that differ in anything else share a scene
     places = tuple(body.replace(albedo=0.0, reflection="black") for body in link.bodies)
-    return _scene(places, frame) if places else None
+    intersector = _scene(places, frame)
+    return BodyScene(intersector, _arrays(link, intersector))
+
+
+@contextmanager
+def for_thread(scene: BodyScene | None) -> Iterator[BodyArrays | None]:
+    """Yield the arrays of bodies with a function of Embree for kernels of one thread."""
+    if scene is None:
+        yield None
+        return
+    with scene.intersector.function() as bvh:
+        yield scene.arrays._replace(bvh=bvh)
 
 
 @lru_cache(maxsize=2)  # tuned: a million facets take a second to build, and 200 MB
@@ -35,9 +58,9 @@ def _scene(bodies: tuple[Body, ...], frame: Frame) -> EmbreeIntersector:
     return EmbreeIntersector(mesh, 1).built()
 
 
-def body_arrays(link: Link, scene: EmbreeIntersector) -> BodyArrays:
-    """Return the facets and albedos of the bodies of a link, at its wavelength."""
-    bodies, mesh = link.bodies, scene.mesh
+def _arrays(link: Link, intersector: EmbreeIntersector) -> BodyArrays:
+    """Return the facets of the bodies of a link, with their albedos at its wavelength."""
+    bodies, mesh = link.bodies, intersector.mesh
     sizes, wavelength = [body.n_facets for body in bodies], link.transmitters[0].wavelength_nm
     return BodyArrays(
         vertices=mesh.vertices,

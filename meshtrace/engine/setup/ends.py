@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.setup import arrays
+from meshtrace.engine.setup.bodies import BodyScene, scene_of
 from meshtrace.engine.setup.options import Analog, Estimator
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import Interface
@@ -78,6 +79,7 @@ class ForcedLink(NamedTuple):
     direction: Direction  # `Link.direction`
     sizes: tuple[float, ...]  # (emitters,) `Source.size` in the unit of the frame, 0 for receivers
     stands_for: NDArray[np.intp]  # (targets,) index of the representative, see `representatives`
+    bodies: BodyScene | None  # the right way up, for light that starts in the air too
 
     @property
     def down(self) -> bool:
@@ -162,11 +164,13 @@ def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
         direction=link.direction,
         sizes=tuple(end.size / frame.unit if isinstance(end, Source) else 0.0 for end in low),
         stands_for=representatives(emitters, targets),
+        bodies=scene_of(link, frame),
     )
 
 
-def require_points(link: Link) -> None:
-    """Refuse extended sources: joined photons follow their light, chains do not."""
+def require_chains(link: Link) -> None:
+    """Refuse what joined photons follow but no chains: `Link.require_chains`, and wide lamps."""
+    link.require_chains()
     for path, item in link.items():
         if isinstance(item, Source) and item.size > 0.0:
             raise Refused(path, Described(f"a radius of {item.size:g} m"), POINTS_ONLY)
@@ -269,9 +273,6 @@ def _source_reach(depth: float, a: float) -> float:
 
 def require_followable(link: Link) -> None:
     """Refuse features that neither chains nor joined photons follow."""
-    if link.bodies:
-        path = "objects" if link.objects else "water.bottom"
-        raise Refused(path, Described(f"{len(link.bodies)} of them"), f"none; {ANALOG}")
     # the first source and receiver decide for all: one link has one kind of light
     in_air = any(isinstance(t, AirLamp) for t in link.transmitters)
     into_air = any(isinstance(r, Receiver) for r in link.receivers)
