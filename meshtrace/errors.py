@@ -286,16 +286,12 @@ def require_real(value: Any, path: str, allowed: str) -> float:
     kind = getattr(getattr(value, "dtype", None), "kind", "f")
     is_number = hasattr(value, "__float__") or hasattr(value, "__index__")
     try:
-        if isinstance(value, bool) or not is_number or kind not in "iufO" or _is_array(value):
+        is_array = bool(getattr(value, "ndim", 0)) or hasattr(value, "mask")
+        if isinstance(value, bool) or not is_number or kind not in "iufO" or is_array:
             raise TypeError
         return float(value)
     except Exception as error:  # foreign objects may raise any
         raise Refused(path, value, allowed) from error
-
-
-def _is_array(value: Any) -> bool:
-    """Return whether a value has dimensions or a mask."""
-    return bool(getattr(value, "ndim", 0)) or hasattr(value, "mask")
 
 
 def require_pair(value: Any, path: str, allowed: str) -> tuple[float, float]:

@@ -544,8 +544,10 @@ def time_step_study(
     recorded = {"start": begin, "duration": duration, "steps": values}
     # no photons: the share of total reflection does not depend on the step, and stays nan
     frames = chains.measure_all(cases, recorded, photons=0)  # (kinds, times, numbers)
-    # (kinds, steps, 1, numbers): one repeat
-    means = np.stack([_time_mean(frames, stride) for stride in strides], axis=1)[:, :, None]
+    # (kinds, steps, 1, numbers): one repeat; over the times by the trapezoidal rule on every
+    # stride-th frame
+    integrals = [np.trapezoid(frames[:, ::stride], dx=stride, axis=1) for stride in strides]
+    means = np.stack(integrals, axis=1)[:, :, None] / (frames.shape[1] - 1)
     # slopes, reflection and times do not depend on the step: their means over all frames
     for k in range(SHIFTS + 1, frames.shape[-1]):
         means[..., k] = frames[..., k].mean(axis=1)[:, None, None]
@@ -657,11 +659,6 @@ def _study(
         mesh, bvh, gain, reference, tolerance,
         chains.campaign.provenance(of_study=recorded),
     )  # fmt: skip
-
-
-def _time_mean(frames: Floats, stride: int) -> Floats:
-    """Return the mean over the times, axis 1, by the trapezoidal rule on every stride-th frame."""
-    return np.trapezoid(frames[:, ::stride], dx=stride, axis=1) / (frames.shape[1] - 1)
 
 
 def _interpolation_error(frames: Floats, stride: int) -> Floats:

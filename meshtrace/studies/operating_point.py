@@ -377,7 +377,9 @@ def ber_of_samples(
 
     The interval of the seas is a percentile bootstrap, stretched for correlated times.
     """
-    middle, *shifted = _shifted(samples, quantile)
+    # the gains, and the gains shifted up and down by the error of the chains
+    steps = (0.0, quantile, -quantile)
+    middle, *shifted = (samples.samples * math.exp(s * samples.chain_error) for s in steps)
     bers = samples.over_tilts(samples.bers(ook, expose, middle))
     over_seas = bootstrapped_mean(bers, samples.n_effective, confidence, _RESAMPLES, seed)
     # the logarithm of no error has no interval
@@ -432,12 +434,6 @@ def outage_of_samples(
         over_seas = Estimate(share, min(low, share), max(high, share))
     value, low, high = _joined(*over_seas, brighter, darker)
     return Estimate(value, max(low, 0.0), min(high, 1.0))
-
-
-def _shifted(samples: FadingSamples, quantile: float) -> list[Floats]:
-    """Return the gains, and the gains shifted up and down by the error of the chains."""
-    steps = (0.0, quantile, -quantile)
-    return [samples.samples * math.exp(step * samples.chain_error) for step in steps]
 
 
 def _joined(value: float, low: float, high: float, brighter: float, darker: float) -> Estimate:

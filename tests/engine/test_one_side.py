@@ -172,7 +172,7 @@ def test_the_glint_of_gaussian_slopes():
         (MIRROR, 200),
         pytest.param(FACING, 500, marks=pytest.mark.slow),
         (LIDAR, 500),
-        (FACING.replace("water.b", 0.9), 32),
+        pytest.param(FACING.replace("water.b", 0.9), 32, marks=pytest.mark.slow),
     ],
 )
 @pytest.mark.thorough

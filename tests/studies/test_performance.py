@@ -398,7 +398,7 @@ def test_saturation_is_reported():
 
 def test_transmission_takes_over_the_link():
     link = mt.Link(
-        transmitter=(mt.Led(power_mw=20.0, wavelength_nm=450.0), mt.Led(power_mw=30.0)),
+        transmitter=tuple(mt.Led(power_mw=p, wavelength_nm=450.0) for p in (20.0, 30.0)),
         receiver=mt.Receiver(radius=0.02, fov_deg=40.0),
     )
     ook = OokLink.of_link(link, OokLink.preset("paper"), 5e6)
