@@ -47,11 +47,11 @@ print(sum(len(d.overloads) for d in functions))
 @pytest.mark.process
 @pytest.mark.slow
 def test_the_first_run_compiles_no_more_functions_than_it_did(tmp_path):
-    """Each takes some 0.15 s; 171 when this was written."""
+    """Each takes some 0.15 s; 187 when this was written, those of Mie theory included."""
     folders = {"MESHTRACE_CACHE_DIR": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
     command, env = [sys.executable, "-W", "ignore", "-c", COMPILED], os.environ | folders
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=env)
-    assert 100 < int(done.stdout.split()[-1]) <= 175
+    assert 100 < int(done.stdout.split()[-1]) <= 190
 
 
 @pytest.mark.process
