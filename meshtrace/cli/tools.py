@@ -220,7 +220,7 @@ def warm() -> None:
     turbid = mt.Link(water=mt.Water(a=0.1, b=1.0))
     links = [mt.Link().mirrored(), mt.Link(physics=mt.Physics(unresolved="none")), several, turbid]
     clear, murky = (mt.Link(water=mt.Water.from_type(name)) for name in ("jerlov-IB", "jerlov-9C"))
-    colours = {"photons": 64, "wavelengths_nm": [450.0, 550.0]}
+    in_colours = partial(mt.simulate, surface=sea, photons=64, wavelengths_nm=[450.0, 550.0])
     day = mt.Daylight(direct=1.0, diffuse=0.2)
     runs: list[Callable[[], Any]] = [
         # the default sea of `meshtrace run` has another mesh than `sea` has in `simulate`
@@ -228,8 +228,8 @@ def warm() -> None:
         *(partial(mt.simulate, link, sea, photons=64) for link in links),
         partial(mt.simulate, mt.Link(), sea, "analog", photons=64),
         partial(mt.coverage_map, mt.Link(), sea, extent=1.0, step=0.5, rtol=0.5),
-        *(partial(mt.simulate, link, sea, **colours) for link in (clear, murky)),
-        partial(mt.simulate, clear, sea, "analog", **colours),
+        *(partial(in_colours, link) for link in (clear, murky)),
+        partial(in_colours, clear, estimator="analog"),
         partial(mt.background, mt.Link(), sea, day, photons=64),
         partial(mt.apps.irradiance_series, sea, day, photons=1000, patch=(0.5, 0.5)),
     ]

@@ -61,6 +61,81 @@ def start() -> dict[str, Any]:
     return found
 
 
+_LOADED = """
+import sys
+from meshtrace.__main__ import main
+try:
+    main()
+except SystemExit:
+    print(len(sys.modules), file=sys.stderr)
+"""
+
+
+def pictures() -> dict[str, Any]:
+    """Return the CPU seconds of commands, and the number of modules that each loads."""
+    found: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        result, picture = f"{folder}/a.nc", f"{folder}/a.png"
+        commands = {
+            "run -o": ("run", "-o", result),
+            "run": ("run",),
+            "plot": ("plot", result, "-o", picture),
+            "view": ("view", "--screenshot", picture),
+        }
+        for name, arguments in commands.items():
+            command = [sys.executable, "-c", _LOADED, *arguments]
+            done = subprocess.run(command, capture_output=True, text=True, env=_environment())
+            found[f"modules of {name}"] = int(done.stderr.split()[-1])
+            used = [of_command("-m", "meshtrace", *arguments, env=_environment()) for _ in "ab"]
+            found[f"{name}, CPU s"] = min(used)[0]
+    return found
+
+
+def movie() -> dict[str, Any]:
+    """Return the CPU seconds of a frame of a movie with paths of received light, after others."""
+    import numpy as np
+
+    import meshtrace as mt
+    from meshtrace import viz
+    from meshtrace.surfaces import JonswapSea
+
+    sea, link = JonswapSea(wind_speed=5.0, seed=7), mt.Link()
+
+    def work(n: int) -> float:
+        times = np.arange(n) / 30.0
+        gain = mt.time_series(link, sea, times, photons=512)
+        with tempfile.TemporaryDirectory() as folder:
+            path = f"{folder}/a.mp4"
+            return cpu(lambda: viz.save_movie(link, sea, times, path, gain=gain, received=40))
+
+    work(2)
+    return {"CPU s": (work(8) - work(2)) / 6}
+
+
+def compiled() -> dict[str, Any]:
+    """Return the number of functions that numba compiles in the first run, and the CPU seconds."""
+    code = """
+import gc, time
+start = time.process_time()
+import meshtrace as mt
+mt.Scenario.from_toml("").simulate()
+used = time.process_time() - start
+from numba.core.registry import CPUDispatcher
+functions = [d for d in gc.get_objects() if isinstance(d, CPUDispatcher)]
+print(sum(len(d.overloads) for d in functions), used)
+"""
+    with tempfile.TemporaryDirectory() as folder:
+        env = {
+            **_environment(),
+            "MESHTRACE_CACHE_DIR": folder,
+            "NUMBA_CACHE_DIR": f"{folder}/numba",
+        }
+        command = [sys.executable, "-W", "ignore", "-c", code]
+        done = subprocess.run(command, capture_output=True, text=True, env=env, check=True)
+    functions, used = done.stdout.split()[-2:]
+    return {"functions": int(functions), "CPU s": float(used)}
+
+
 def first() -> dict[str, Any]:
     """Return the cost of the first `meshtrace run` ever, from source."""
     with tempfile.TemporaryDirectory() as folder:
@@ -260,6 +335,27 @@ def fixed() -> dict[str, Any]:
     return found
 
 
+def asked() -> dict[str, Any]:
+    """Return the CPU time of a gain to 1 % over that of 32 chains, and the error, in per cent."""
+    import meshtrace as mt
+    from meshtrace.surfaces import FlatSea, JonswapSea
+
+    found: dict[str, Any] = {}
+    for wind in (0.0, 5.0, 13.0):
+        sea = JonswapSea(wind_speed=wind, seed=7) if wind else FlatSea()
+
+        def gain(sea: Any = sea, **options: Any) -> Any:
+            return mt.simulate(mt.Link(), sea, threads=1, **options)
+
+        result = gain(rtol=0.01)
+        gain(photons=32)
+        pairs = [(cpu(lambda: gain(rtol=0.01)), cpu(lambda: gain(photons=32))) for _ in range(8)]
+        asked_for, fewest = map(min, zip(*pairs, strict=True))
+        error = 100.0 * float(result.stderrs[0] / result.gains[0])
+        found |= {f"{wind:g} m/s": asked_for / fewest, f"% at {wind:g} m/s": error}
+    return found
+
+
 def turbid() -> dict[str, Any]:
     """Return the CPU seconds to 1 % at b z = 10, by the phase function."""
     import meshtrace as mt
@@ -299,6 +395,10 @@ ROWS: dict[str, tuple[Callable[[], dict[str, Any]], str, str]] = {
     "coverage": (coverage, "coverage of 256 cells to 2 %", "never over 1"),
     "cells": (cells, "coverage at 13 m/s to 2 and 1 %, CPU s", "15, 40"),
     "fixed": (fixed, "fixed cost of a gain, CPU s", "0.03"),
+    "asked": (asked, "1 % asked, over 32 chains", "1.2"),
+    "pictures": (pictures, "commands, warm: CPU s and modules", ".7, 2, 5 CPU s"),
+    "movie": (movie, "frame of a movie, CPU s", "0.8"),
+    "compiled": (compiled, "functions that the first run compiles", "fewer"),
     "frames": (frames, "frame of a trace, CPU s", "0.010"),
 }
 

@@ -1,6 +1,7 @@
 """`meshtrace warm` compiles what users meet first; a default run compiles few kernels."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -31,6 +32,26 @@ def test_a_default_run_compiles_few_kernels():
     # each takes some seconds to compile
     assert sum(n.values()) <= 12
     assert n["follow"] == n["follow_joined"] == n["tint_chains"] == 0
+
+
+COMPILED = """
+import gc
+import meshtrace as mt
+mt.Scenario.from_toml("").simulate()
+from numba.core.registry import CPUDispatcher
+functions = [d for d in gc.get_objects() if isinstance(d, CPUDispatcher)]
+print(sum(len(d.overloads) for d in functions))
+"""
+
+
+@pytest.mark.process
+@pytest.mark.slow
+def test_the_first_run_compiles_no_more_functions_than_it_did(tmp_path):
+    """Each takes some 0.15 s; 187 when this was written, those of Mie theory included."""
+    folders = {"MESHTRACE_CACHE_DIR": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
+    command, env = [sys.executable, "-W", "ignore", "-c", COMPILED], os.environ | folders
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=env)
+    assert 100 < int(done.stdout.split()[-1]) <= 190
 
 
 @pytest.mark.process
