@@ -332,7 +332,7 @@ def operating_point(
         # the error of the background joins the interval
         step = quantile * background.radiance_stderr / background.radiance
         lights = [partial(expose, scale=max(1.0 + s, 0.0)) for s in (-step, step)]
-        rates = [_mean_ber(dark, light, samples, samples.samples) for light in lights]
+        rates = [_mean_ber(dark, brighter, samples, samples.samples) for brighter in lights]
         ber = _joined_rates(*ber, *rates)
     budget = link_budget(ook, gain, limit)
     # zeros are not dark: the extinction ratio of the lamp is finite

@@ -383,12 +383,15 @@ class Design(Stored, kind="design", title="meshtrace design"):
         for direction in by_direction:
             heads += [f"correlation {direction}", "gained"]
         lines = [
-            [f"{rows[0].distance:.3g}"]
-            + [cell for r in rows for cell in (f"{r.correlation:.3f}", f"{r.diversity_db:+.2f} dB")]
-            for rows in zip(*by_direction.values(), strict=True)
+            [f"{pair[0].distance:.3g}"]
+            + [cell for r in pair for cell in (f"{r.correlation:.3f}", f"{r.diversity_db:+.2f} dB")]
+            for pair in zip(*by_direction.values(), strict=True)
         ]
         apart = " and ".join(
-            f"{rows[0].enough:.2g} m {direction}" for direction, rows in by_direction.items()
+            f"beyond {lenses[-1].distance:.2g} m {direction}"
+            if math.isnan(lenses[0].enough)
+            else f"{lenses[0].enough:.2g} m {direction}"
+            for direction, lenses in by_direction.items()
         )
         return [
             f"gained at an outage of {100.0 * self.outage:g} %, beside the light of a second lens",
