@@ -66,6 +66,12 @@ def test_a_predicted_beam_leaves_the_closed_form():
     assert meets(choppy_patch(5.0), link, 6)
 
 
+def test_a_deep_lamp_loses_a_narrow_spot_but_not_the_surface():
+    by_spot, _, closed = residual(choppy_patch(5.0), link_of(depth=3.0), 3)
+    by_slope, *_ = residual(choppy_patch(5.0), link_of(depth=3.0, sees="slope"), 2)
+    assert by_spot > 1.0 > 0.2 > by_slope > closed
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("wind_speed", [3.0, 5.0, 10.0])
 @pytest.mark.parametrize("waist", [0.001, 0.005, 0.02])
