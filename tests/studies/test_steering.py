@@ -66,6 +66,7 @@ def test_a_predicted_beam_leaves_the_closed_form():
     assert meets(choppy_patch(5.0), link, 6)
 
 
+@pytest.mark.thorough
 def test_a_deep_lamp_loses_a_narrow_spot_but_not_the_surface():
     by_spot, _, closed = residual(choppy_patch(5.0), link_of(depth=3.0), 3)
     by_slope, *_ = residual(choppy_patch(5.0), link_of(depth=3.0, sees="slope"), 2)
@@ -135,6 +136,7 @@ def test_a_seed_gives_its_own_noise():
     assert not np.array_equal(steer(link, sea, TIMES, 3).axis, steer(link, sea, TIMES, 4).axis)
 
 
+@pytest.mark.thorough
 def test_a_tracked_beam_regains_the_light_of_still_water():
     sea = resolved_sea(5.0).replace(omega_max=4.0)
     water, physics = mt.Water(a=0.05, b=0.0), mt.Physics(unresolved="none")
