@@ -214,7 +214,8 @@ def channel_trace(
     that of a series of the link, over the same waves: frames of both agree within the error of the
     mesh, some 0.5 %. Unless `waves` of the meshing says otherwise, the mesh holds all waves that
     make the light of `link` fade, for both directions; a warning says if that leaves out a tenth of
-    the fading of the downlink.
+    the fading of the downlink. Beams with a `Tracker` are steered, each by what it saw; of a
+    tracked lamp in the air the tilt of a trace is the axis of its beam.
 
     Examples
     --------

@@ -558,12 +558,14 @@ def _widest(steps: Steps, links: list[Link]) -> Sequence[Link] | None:
     if steps.links is None:
         return links
     # all links of a campaign move alike: the first stands for them
-    ends = [row[0].air_end[1] for row in steps.links]
+    ends = [[end for _, end in row[0].items()] for row in steps.links]
     # an end that moves needs a mesh for each place, fine where its light crosses
-    if any(end.center != ends[0].center for end in ends):
+    places = [[end.center for end in of_step] for of_step in ends]
+    if any(place != places[0] for place in places):
         return None
     # the most tilted view sees the sea farthest off
-    return steps.links[int(np.argmax([end.tilt_deg for end in ends]))]
+    tilts = [sum(getattr(end, "tilt_deg", 0.0) for end in of_step) for of_step in ends]
+    return steps.links[int(np.argmax(tilts))]
 
 
 def campaign_of(

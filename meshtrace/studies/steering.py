@@ -55,8 +55,8 @@ def steer(link: Link, surface: SurfaceModel, times: ArrayLike, seed: Seed = 1) -
     Parameters
     ----------
     link : Link
-        A link of one beam and one receiver, on either side of the surface. A beam without a
-        `Tracker` keeps its axis.
+        A link of one beam, to a receiver on the other side of the surface, of several the first.
+        A beam without a `Tracker` keeps its axis.
     surface : SurfaceModel
         The sea.
     times : array_like, shape (n,)
@@ -71,8 +71,8 @@ def steer(link: Link, surface: SurfaceModel, times: ArrayLike, seed: Seed = 1) -
     Raises
     ------
     Refused
-        If there are several beams or receivers, both ends lie on one side, the tracker predicts
-        over a sea without a spectrum, or there are more than 10^7 samples.
+        If there are several lamps, or one that is no beam, both ends lie on one side, the tracker
+        predicts over a sea that is no sum of plane waves, or there are more than 10^7 samples.
 
     Notes
     -----
@@ -126,12 +126,14 @@ def with_axes(links: Sequence[Link], axes: Floats) -> list[Link]:
     """Return links with other axes (n, 3) of their only beam."""
     changed = []
     for link, (x, y, z) in zip(links, axes.tolist(), strict=True):
-        water = isinstance(link.transmitter, WaterSource)
+        beam: Any = link.transmitters[0]
+        water = isinstance(beam, WaterSource)
         names = ("zenith_deg", "azimuth_deg") if water else ("tilt_deg", "tilt_azimuth_deg")
         lean = math.degrees(math.atan2(math.hypot(x, y), z if water else -z))
         values = dict(zip(names, (lean, math.degrees(math.atan2(y, x))), strict=True))
-        beam: Any = link.transmitters[0]
-        changed.append(link.model_copy(update={"transmitter": beam.model_copy(update=values)}))
+        turned = beam.model_copy(update=values)
+        several = isinstance(link.transmitter, tuple)
+        changed.append(link.model_copy(update={"transmitter": (turned,) if several else turned}))
     return changed
 
 
@@ -147,8 +149,10 @@ class _Beam:
         link = links[0]
         self.tracker = tracker_of(link)
         link.require_chains()
-        if len(link.receivers) != 1 or not hasattr(link.transmitters[0], "tracker"):
-            raise Refused("link", Described("other ends"), "one beam and one receiver")
+        if not hasattr(link.transmitters[0], "tracker"):
+            raise Refused("transmitter", Described(link.transmitters[0].kind), "a beam")
+        if not link.receivers:
+            raise Refused("receiver", (), "at least one")
         self._surface, self._times = surface, times
         n = link.water.n, link.n_air
         self._indices = n if link.direction == "up" else n[::-1]

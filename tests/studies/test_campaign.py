@@ -104,7 +104,8 @@ def test_errors_are_those_of_independent_samples():
 
 # ---- options of a run ------------------------------------------------------------------------
 
-OWN = {"sweep", "sweep_file", "light_pattern", "swings"}  # with options of other meaning, or none
+# with options of other meaning, or none
+OWN = {"sweep", "sweep_file", "light_pattern", "swings", "steer"}
 
 
 def functions():

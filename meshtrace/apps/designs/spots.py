@@ -107,6 +107,10 @@ def spot_lines(spots: Sequence[TrackedSpot], outage: float) -> list[str]:
         parts = ", ".join(f"{1e3 * t:g} ms {least.get(t, 'none')}" for t in latencies)
         share = f"{100.0 * outage:g} % of the time"
         texts.append(f"Least spot that is off the lens at most {share}, {word}: {parts}.")
+    texts.append(
+        "Shares are of a beam that crosses the sea at one place: where the loop gain is not well "
+        "below 1, a tracker has to see the slopes of the sea, not the spot alone."
+    )
     return [
         "share of the variance of the wander that is left, held / predicted", "",
         _table(spots, "loop_gain", "held", "predicted"), "",
