@@ -15,6 +15,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from meshtrace.errors import Refused, extra
 from meshtrace.kernels import jit
 from meshtrace.scenario import Scenario
 
@@ -130,6 +131,23 @@ def test_a_run_with_compiled_kernels_loads_no_more_than_it_needs():
     needed = {"numba", "scipy"}  # numba imports the outermost package
     loaded = modules_after(code) & ((HEAVY - needed) | scipy | compilation | others)
     assert not loaded
+
+
+@pytest.mark.parametrize("value", [None, "sea.dat"])
+def test_a_missing_package_is_named_with_its_extra(value):
+    missing = ModuleNotFoundError("none", name="wavespectra")
+    with pytest.raises(Refused) as caught, extra("measured", "reader", value, "formats of {}"):
+        raise missing
+    for words in ("wavespectra is not installed", 'pip install "meshtrace[measured]"', value or ""):
+        assert words in str(caught.value)
+
+
+def test_the_extra_all_has_all_that_users_choose_from():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    (line,) = extras["all"]
+    assert {*Requirement(line).extras, "all", "test", "docs", "lint"} == set(extras)
 
 
 def test_every_public_name_is_there():
