@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from numba import carray, cfunc, types
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from meshtrace.kernels.jit import foreign_kernels
@@ -46,7 +47,7 @@ def packed(
 ) -> NDArray[np.float64]:
     """Return a mesh and its bins as one array, see `Place`; integers below 2^53 stay exact."""
     parts: list[NDArray[Any]] = [
-        np.zeros(Place.STARTS),
+        np.zeros(Place.STARTS.value),
         bins.start,
         bins.facet,
         faces.ravel(),
@@ -55,11 +56,61 @@ def packed(
     begins = np.cumsum([len(part) for part in parts])
     scene = np.concatenate(parts, dtype=np.float64)
     z = vertices[:, 2]
-    scene[: Place.STARTS] = (
+    scene[: len(parts[0])] = (
         *(begins[-1], bins.x, bins.y, bins.step, bins.nx, bins.ny, z.min(), z.max()),
         *begins[1:4],
     )
     return scene
+
+
+@register_jitable
+def _between(s, p, d):
+    """Return the part of a ray in the box about a mesh, as its first and last distance."""
+    width, height = s[Place.NX.value] * s[Place.STEP.value], s[Place.NY.value] * s[Place.STEP.value]
+    # a hair beyond the heights: the box of a flat sea has none
+    hair = 1e-9 * s[Place.STEP.value]
+    low = s[Place.X.value], s[Place.Y.value], s[Place.LOW.value] - hair
+    high = low[0] + width, low[1] + height, s[Place.HIGH.value] + hair
+    first, last = 0.0, math.inf
+    for k in range(3):
+        if d[k] != 0.0:
+            a, b = (low[k] - p[k]) / d[k], (high[k] - p[k]) / d[k]
+            first, last = max(first, min(a, b)), min(last, max(a, b))
+        elif p[k] < low[k] or p[k] > high[k]:
+            last = -1.0
+    return first, last
+
+
+@register_jitable
+def _distance(s, facet, p, d):
+    """Return the distance of a facet along a ray, in lengths of its direction; inf beside it."""
+    face, vertices = int(s[Place.FACES.value]) + 3 * facet, int(s[Place.VERTICES.value])
+    a, b = vertices + 3 * int(s[face]), vertices + 3 * int(s[face + 1])
+    c = vertices + 3 * int(s[face + 2])
+    ax, ay, az = s[a] - p[0], s[a + 1] - p[1], s[a + 2] - p[2]
+    bx, by, bz = s[b] - p[0], s[b + 1] - p[1], s[b + 2] - p[2]
+    cx, cy, cz = s[c] - p[0], s[c + 1] - p[1], s[c + 2] - p[2]
+    # On which side of an edge the ray passes: the volume of d and its two ends. It changes its sign
+    # alone where the other facet takes the ends in turn: no ray slips through.
+    u = d[0] * (by * cz - bz * cy) + d[1] * (bz * cx - bx * cz) + d[2] * (bx * cy - by * cx)
+    v = d[0] * (cy * az - cz * ay) + d[1] * (cz * ax - cx * az) + d[2] * (cx * ay - cy * ax)
+    w = d[0] * (ay * bz - az * by) + d[1] * (az * bx - ax * bz) + d[2] * (ax * by - ay * bx)
+    total = u + v + w
+    if total == 0.0 or min(u, v, w) < 0.0 < max(u, v, w):
+        return math.inf
+    # u, v and w are barycentrics of the point, up to their sum
+    x, y, z = u * ax + v * bx + w * cx, u * ay + v * by + w * cy, u * az + v * bz + w * cz
+    length = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+    t = (x * d[0] + y * d[1] + z * d[2]) / (total * length)
+    return t if t >= 0.0 else math.inf
+
+
+@register_jitable
+def _leaves(s, k, i, p, d):
+    """Return the distance at which a ray leaves the bins of index i along x (k = 0) or y (1)."""
+    if d[k] == 0.0:
+        return math.inf
+    return (s[Place.X.value + k] + (i + (d[k] > 0.0)) * s[Place.STEP.value] - p[k]) / d[k]
 
 
 def _walk(scene, hit, _):
@@ -69,77 +120,33 @@ def _walk(scene, hit, _):
     """
     ray = carray(hit, (RAY_WORDS,), np.float32)
     word = carray(hit, (RAY_WORDS,), np.int32)
-    size = carray(scene, (1,), np.float64)[0]
-    s = carray(scene, (int(size),), np.float64)
-    px, py, pz = float(ray[0]), float(ray[1]), float(ray[2])
-    dx, dy, dz = float(ray[4]), float(ray[5]), float(ray[6])
-    step, nx, ny = s[Place.STEP.value], int(s[Place.NX.value]), int(s[Place.NY.value])
-    # the part of the ray in the box about the mesh, a hair wider for rounding
-    first, last = 0.0, math.inf
-    for p, d, low, high in (
-        (px, dx, s[Place.X.value], s[Place.X.value] + nx * step),
-        (py, dy, s[Place.Y.value], s[Place.Y.value] + ny * step),
-        (pz, dz, s[Place.LOW.value] - 1e-9 * step, s[Place.HIGH.value] + 1e-9 * step),
-    ):
-        if d == 0.0:
-            if p < low or p > high:
-                return
-            continue
-        a, b = (low - p) / d, (high - p) / d
-        first, last = max(first, min(a, b)), min(last, max(a, b))
+    s = carray(scene, (int(carray(scene, (1,), np.float64)[0]),), np.float64)
+    p = float(ray[0]), float(ray[1]), float(ray[2])
+    d = float(ray[4]), float(ray[5]), float(ray[6])
+    first, last = _between(s, p, d)
     if not first <= last:
         return
-    u, v = (px + first * dx - s[Place.X.value]) / step, (py + first * dy - s[Place.Y.value]) / step
-    i = min(max(math.floor(u), 0), nx - 1)
-    j = min(max(math.floor(v), 0), ny - 1)
-    # distances at which the ray leaves the column of bins i, and the row j
-    along_x, along_y = 1 if dx > 0.0 else -1, 1 if dy > 0.0 else -1
-    next_x = (s[Place.X.value] + (i + (dx > 0.0)) * step - px) / dx if dx != 0.0 else math.inf
-    next_y = (s[Place.Y.value] + (j + (dy > 0.0)) * step - py) / dy if dy != 0.0 else math.inf
-    lists, faces, vertices = (
-        int(s[Place.LISTS.value]),
-        int(s[Place.FACES.value]),
-        int(s[Place.VERTICES.value]),
-    )
-    nearest, length = math.inf, dx * dx + dy * dy + dz * dz
-    while True:
+    step, nx, ny = s[Place.STEP.value], int(s[Place.NX.value]), int(s[Place.NY.value])
+    i = math.floor((p[0] + first * d[0] - s[Place.X.value]) / step)
+    j = math.floor((p[1] + first * d[1] - s[Place.Y.value]) / step)
+    # the far rim of the box belongs to the last bin
+    i, j = min(max(i, 0), nx - 1), min(max(j, 0), ny - 1)
+    lists, nearest = int(s[Place.LISTS.value]), math.inf
+    while 0 <= i < nx and 0 <= j < ny:
         cell = Place.STARTS.value + i * ny + j
         for k in range(lists + int(s[cell]), lists + int(s[cell + 1])):
-            facet = int(s[k])
-            a, b, c = faces + 3 * facet, faces + 3 * facet + 1, faces + 3 * facet + 2
-            a, b, c = (vertices + 3 * int(s[a]), vertices + 3 * int(s[b]), vertices + 3 * int(s[c]))
-            ax, ay, az = s[a] - px, s[a + 1] - py, s[a + 2] - pz
-            bx, by, bz = s[b] - px, s[b + 1] - py, s[b + 2] - pz
-            cx, cy, cz = s[c] - px, s[c + 1] - py, s[c + 2] - pz
-            # On which side of an edge the ray passes: the volume of d and its two ends. It changes
-            # its sign alone where the other facet takes the ends in turn: no ray slips through.
-            w_a = dx * (by * cz - bz * cy) + dy * (bz * cx - bx * cz) + dz * (bx * cy - by * cx)
-            w_b = dx * (cy * az - cz * ay) + dy * (cz * ax - cx * az) + dz * (cx * ay - cy * ax)
-            w_c = dx * (ay * bz - az * by) + dy * (az * bx - ax * bz) + dz * (ax * by - ay * bx)
-            if min(w_a, w_b, w_c) < 0.0 < max(w_a, w_b, w_c):
-                continue
-            total = w_a + w_b + w_c
-            if total == 0.0:
-                continue
-            # the w are barycentrics of the point, up to their sum
-            x, y = w_a * ax + w_b * bx + w_c * cx, w_a * ay + w_b * by + w_c * cy
-            z = w_a * az + w_b * bz + w_c * cz
-            t = (x * dx + y * dy + z * dz) / (total * length)
-            if 0.0 <= t < nearest:
+            t = _distance(s, int(s[k]), p, d)
+            if t < nearest:
                 nearest = t
-                word[Word.FACET.value] = facet
+                word[Word.FACET.value] = int(s[k])
+        x, y = _leaves(s, 0, i, p, d), _leaves(s, 1, j, p, d)
         # a nearer facet would lie in a bin before
-        leaves = min(next_x, next_y)
-        if nearest <= leaves or leaves >= last:
+        if nearest <= min(x, y) or min(x, y) >= last:
             return
-        if next_x < next_y:
-            i += along_x
-            next_x = (s[Place.X.value] + (i + (dx > 0.0)) * step - px) / dx
+        if x < y:
+            i += 1 if d[0] > 0.0 else -1
         else:
-            j += along_y
-            next_y = (s[Place.Y.value] + (j + (dy > 0.0)) * step - py) / dy
-        if i < 0 or j < 0 or i >= nx or j >= ny:
-            return
+            j += 1 if d[1] > 0.0 else -1
 
 
 @cache

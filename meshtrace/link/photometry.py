@@ -43,8 +43,8 @@ class Photometry:
 
         Shape (rings, azimuths), as `kernels.tables.packed` takes them; the step in radians.
         """
-        given = float(np.diff(self.theta).min())
-        step = max(given / math.ceil(given / _COARSEST - 1e-9), _FINEST)
+        finest = float(np.diff(self.theta).min())
+        step = max(finest / math.ceil(finest / _COARSEST - 1e-9), _FINEST)
         step = math.pi / math.ceil(math.pi / step - 1e-9)
         theta = step * np.arange(round(math.pi / step) + 1)
         even = self.azimuth
@@ -54,8 +54,9 @@ class Photometry:
         at_azimuth = np.array([np.interp(even, self.azimuth, row) for row in self.intensity])
         # 1e-9: an angle of the file may be a rounding from that of a ring
         inside = np.clip(theta, self.theta[0], self.theta[-1])
-        lit = np.abs(theta - inside) < 1e-9
-        table = np.array([np.interp(inside, self.theta, column) * lit for column in at_azimuth.T]).T
+        within = np.abs(theta - inside) < 1e-9
+        columns = [np.interp(inside, self.theta, column) * within for column in at_azimuth.T]
+        table = np.stack(columns, axis=1)
         last = int(np.flatnonzero(table.any(axis=1))[-1])
         return table[: min(last + 2, len(table))], step
 
@@ -136,8 +137,8 @@ def _read(file: Path, *version: int) -> Photometry:
 
 def _ies(text: str) -> tuple[Floats, Floats, Floats]:
     """Return the angles and intensities [cd] of a file of LM-63."""
-    _, found, rest = text.partition("TILT=")
-    if not found:
+    _, mark, rest = text.partition("TILT=")
+    if not mark:
         raise Refused("TILT", Described("no such line"), "a line TILT=NONE or TILT=INCLUDE")
     tilt, _, body = rest.partition("\n")
     numbers = iter(body.replace(",", " ").split())

@@ -36,6 +36,7 @@ OOK, DAY, WIND = mt.OokLink(), mt.Daylight(direct=1.4, diffuse=0.3), mt.Dryden()
 JONSWAP, ITTC = surfaces.Jonswap(), surfaces.IttcSpreading()
 ROUTE = mt.Route(times=(0.0, 1.0), positions=((0.0, 0.0), (1.0, 0.0)))
 FEW = {"photons": 64, "threads": 1}
+TRACE = mt.ChannelTrace(TIMES, GAIN, 0.01 * GAIN, GAIN, 1e-7)
 ROWS = [{"transmitter.depth": d, "gain": 1e-5, "stderr": 1e-6} for d in (5.0, 10.0)]
 
 
@@ -244,7 +245,7 @@ OTHER = {
                              "realizations": 0},
     "design": {"realizations": 8}, "Design.choice": {"key": "receiver.radius"},
     "channel_trace": {"surface": SEA, "rate": 10.0},
-    "replay": {"waveform": [1.0, 0.0, 1.0], "rate": 100.0, "start": 0.0, "direction": "up"},
+    "replay": {"waveform": [1.0, 0.0, 1.0], "rate": 100.0, "trace": TRACE},
     "lidar": {"link": LIDAR, "surface": SEA, "seas": 2},
     "coverage_map": {"times": None},
     "background": {"wavelengths_nm": None},

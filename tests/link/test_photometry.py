@@ -222,6 +222,21 @@ def test_a_measured_lambertian_lamp_has_the_gain_of_an_led(name, lambertian):
     assert abs(gains[0].gain - gains[1].gain) < 4.0 * error + 5e-4 * gains[1].gain
 
 
+@pytest.mark.parametrize("estimator", ["forced", "analog"])
+def test_the_light_on_either_side_is_that_of_its_plane(estimator, lobes):
+    """Over still water without scattering C0, towards +x, has 3 times the light of C180."""
+    water, lamp = mt.Water(a=0.1, b=0.0), MeasuredLamp(file=lobes, depth=5.0)
+    ends_of = [mt.Receiver(position=(x, 0.0), radius=0.3, fov_deg=180.0) for x in (6.0, -6.0)]
+    link = mt.Link(water=water, transmitter=lamp, receiver=tuple(ends_of))
+    photons = 128 if estimator == "forced" else 1_000_000
+    result = mt.simulate(link, mt.surfaces.FlatSea(), estimator, photons=photons)
+    error = np.hypot(*(result.gain_stderr / result.gain))
+    bright, faint = result.gain
+    assert error < 0.1
+    # 0.3 m at 11 m is 1.5 degrees to either side, whose mean in C is linear but for 1e-2
+    assert abs(bright / faint / 3.0 - 1.0) < 0.01 + 4.0 * error
+
+
 def test_straight_light_is_that_of_an_led(lambertian):
     place = {"depth": 20.0, "zenith_deg": 90.0}
     end = mt.WaterReceiver(

@@ -15,6 +15,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from meshtrace.errors import Refused, extra
 from meshtrace.kernels import jit
 from meshtrace.scenario import Scenario
 
@@ -161,6 +162,23 @@ sys.modules |= {f"built {cls.__name__}": 0 for cls in below(Model) if cls.__pyda
     built = {name for name in modules_after(code) if name.startswith("built ")}
     assert {"built Scenario", "built Link"} <= built
     assert len(built) < 30  # of some hundred, a millisecond each
+
+
+@pytest.mark.parametrize("value", [None, "sea.dat"])
+def test_a_missing_package_is_named_with_its_extra(value):
+    missing = ModuleNotFoundError("none", name="wavespectra")
+    with pytest.raises(Refused) as caught, extra("measured", "reader", value, "formats of {}"):
+        raise missing
+    for words in ("wavespectra is not installed", 'pip install "meshtrace[measured]"', value or ""):
+        assert words in str(caught.value)
+
+
+def test_the_extra_all_has_all_that_users_choose_from():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    (line,) = extras["all"]
+    assert {*Requirement(line).extras, "all", "test", "docs", "lint"} == set(extras)
 
 
 def test_every_public_name_is_there():

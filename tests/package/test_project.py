@@ -217,6 +217,12 @@ def repository_files():
     return {name for name in names if not written.search(name)}
 
 
+def test_no_file_is_a_link():
+    """A clone or an archive without symbolic links would have a line of text in its place."""
+    assert [name for name in repository_files() if (ROOT / name).is_symlink()] == []
+    assert not any((ROOT / "meshtrace" / name).exists() for name in ("surfaces", "viz"))
+
+
 @pytest.mark.process
 @pytest.mark.skipif(not shutil.which("git"), reason="git reads .gitignore")
 def test_no_file_of_the_repository_is_ignored(tmp_path):
