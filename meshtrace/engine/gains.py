@@ -203,12 +203,16 @@ class Gains:
 
     def samples_of(self, part: int) -> list[ScatteredSamples]:
         """Return the samples of a part of each receiver."""
+        # light of bodies alone is scattered light, too, by the same photons
+        together = [SCATTERED, BODY] if part == SCATTERED else [part]
+        mean, square = self.parts[together].sum(axis=0), self.square[together].sum(axis=0)
         # (sum w)^2 / sum w^2, the number of equal samples of this variance; no 0 / 0 in the dark
-        effective = self.parts[part] ** 2 / np.maximum(self.square[part], 1e-300)
+        effective = mean**2 / np.maximum(square, 1e-300)
+        scored = self.scored[together].max(axis=0)
         names = {"joined": "joined photons", "analog": "analog photons"}
         if part == SCATTERED:
             names["chains"] = "chains"
-        columns = self.samples[part].tolist(), self.scored[part].tolist(), effective.tolist()
+        columns = self.samples[part].tolist(), scored.tolist(), effective.tolist()
         estimators = [names.get(method, "joined photons") for method in self.method]
         return [ScatteredSamples(*row) for row in zip(estimators, *columns, strict=True)]
 

@@ -260,21 +260,21 @@ def _shaded(
     """Return the light that passes solids, and its error: a sum over panels, halved adaptively."""
     queue, n = list[tuple[float, float, float, tuple[float, float]]](), 0
 
-    def light(low: float, high: float) -> float:
+    def sum_between(low: float, high: float) -> float:
         arcs = _arcs_inside(sight, np.array([low, high]), _SHADED_NODES)
         arcs = _free_arcs(sight, arcs, _RAYS, hiding)
         return _sum_of(sight, arcs, _SHADED_NODES, emitter, water)
 
     def push(low: float, high: float, whole: float) -> None:
         middle = 0.5 * (low + high)
-        halves = light(low, middle), light(middle, high)
+        halves = sum_between(low, middle), sum_between(middle, high)
         heapq.heappush(queue, (-abs(whole - sum(halves)), low, high, halves))
 
     # where a shadow starts or ends the light jumps with the polar angle: halving closes in on it
     parts = np.linspace(panels[:-1], panels[1:], _SHADED_PANELS + 1).T.ravel().tolist()
     for low, high in pairwise(parts):
         if high > low:
-            push(low, high, light(low, high))
+            push(low, high, sum_between(low, high))
     while True:
         gain, change = (
             math.fsum(sum(item[3]) for item in queue),

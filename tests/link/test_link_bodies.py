@@ -130,7 +130,11 @@ def test_link_files(reef, tmp_path):
     (tmp_path / "link.toml").write_text(text)
     scenario = Scenario.load(tmp_path / "link.toml")
     assert len(scenario.link.bodies) == 3
+    # the mirror rises out of the water
     assert scenario.run.estimator.kind == "analog"
+    deep = text.replace('bottom = "reef.obj"', "").replace("scale = 0.5", "position = [0, 0, -9]")
+    (tmp_path / "deep.toml").write_text(deep)
+    assert Scenario.load(tmp_path / "deep.toml").run.estimator.kind == "forced"
     assert Scenario.from_toml(scenario.to_toml()) == scenario
     assert Link.model_validate(scenario.link.model_dump(mode="json")) == scenario.link
 

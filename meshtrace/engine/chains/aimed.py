@@ -28,7 +28,6 @@ from meshtrace.engine.setup.arrays import locator, mean_square_slope, surface_ar
 from meshtrace.engine.setup.bodies import for_thread
 from meshtrace.engine.setup.ends import ForcedLink, expected_water, forced_link
 from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths
-from meshtrace.kernels.bodies import BodyArrays
 from meshtrace.kernels.interface import Direction, MeshArrays, Roughness, Snell
 from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.scene import FACET, Emitter, Locator, Scene, Target, facet_summary
@@ -239,18 +238,6 @@ class AimedChains:
         """
         receivers = [receivers] if isinstance(receivers, int) else receivers
         # several wavelengths are weights of the arrivals of one
-        with for_thread(self.link.bodies) as bodies:
-            return self._aim(source, receivers, chains, keep, bodies)
-
-    def _aim(
-        self,
-        source: int,
-        receivers: Sequence[int],
-        chains: ChainSet,
-        keep: bool,
-        bodies: BodyArrays | None,
-    ) -> Aimed:
-        """Return `aim` of a set of chains, with the bodies of a thread."""
         n, keep = len(chains.audit) * len(receivers), keep or self._calibration is not None
         out = kernel.Output(
             score=np.zeros(n),
@@ -263,18 +250,21 @@ class AimedChains:
         if self.blurred:
             first = int(self.link.stands_for[receivers[0]])
             scene, flat = self.scene(emitter, self.link.targets[first]), chains.crossings(first)
-            scene = scene._replace(bodies=bodies)
             places = np.array([self.link.targets[r].center for r in receivers])
             near = np.zeros(flat.shape[1], FLAT)
-            count = kernel.blurred_contributions(
-                chains.chains, flat, places, near, self.spread, scene, out
-            )
+            with for_thread(self.link.bodies) as bodies:
+                scene = scene._replace(bodies=bodies)
+                count = kernel.blurred_contributions(
+                    chains.chains, flat, places, near, self.spread, scene, out
+                )
         else:
             (receiver,) = receivers
             target, flat = self.link.targets[receiver], chains.crossings(receiver)
-            scene, extent = self.scene(emitter, target)._replace(bodies=bodies), self._extent
+            scene, extent = self.scene(emitter, target), self._extent
             search = extent._replace(widest=target.reach + extent.widest)
-            count = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
+            with for_thread(self.link.bodies) as bodies:
+                scene = scene._replace(bodies=bodies)
+                count = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
         arrivals = out.arrivals[:count]
         self.counters += out.counters
         if self._calibration is None:
@@ -398,39 +388,31 @@ class AimedChains:
         or receiver. Parts of facets are `longer` times as long as usual; if that is more than 1,
         with fewer nodes: the change of the gain tells its error.
         """
-        with for_thread(self.link.bodies) as bodies:
-            scene = self._forwards(source, receiver, at)._replace(bodies=bodies)
-            return self._direct_gains(scene, (source, receiver), at, facets, longer)
-
-    def _direct_gains(
-        self,
-        scene: Scene,
-        pair: tuple[int, int],
-        at: Vec3 | None,
-        facets: NDArray[np.int64] | None,
-        longer: float,
-    ) -> Floats:
-        """Return `direct_gains` of a scene, with the bodies of a thread."""
+        scene = self._forwards(source, receiver, at)
         gain = np.zeros(len(self._mesh.faces))
         stack = np.empty((image.STACK, 3), np.int64)
         # only light through all facets, as usual, is recorded: its error may be asked for
-        usual = facets is None and longer == 1.0
+        pair, usual = (source, receiver), facets is None and longer == 1.0
         if self.blurred:
             nodes = self.nodes.setdefault(pair, _disk_nodes(scene.target.radius / self.blur(scene)))
             rule = _rule(nodes, longer)
             blocks = self._blocks if facets is None else _one_block(facets)
             coarse, work = np.zeros(len(gain), bool), np.zeros(len(microfacets.Work))
             work[microfacets.Work.LEFT] = _MOST_NODES
-            microfacets.blurred_gain(scene, rule, blocks, stack, coarse, work, gain)
+            with for_thread(self.link.bodies) as bodies:
+                scene = scene._replace(bodies=bodies)
+                microfacets.blurred_gain(scene, rule, blocks, stack, coarse, work, gain)
             if usual:
                 _, lenses, cut_short = work.tolist()
                 # shadows end within parts, as a view does: a coarser quadrature tells the error
-                edges = lenses > 0.0 or scene.bodies is not None
+                edges = lenses > 0.0 or self.link.bodies is not None
                 self._last[pair] = Quadrature(float(gain.sum()), at, edges, cut_short)
         else:
             stretch, lever, bend = self.bounds_of(scene)
             facets = np.arange(len(gain)) if facets is None else facets
-            image.image_gain(scene, facets, longer, 1.5 * stretch, lever, bend, stack, gain)
+            with for_thread(self.link.bodies) as bodies:
+                scene, bounds = scene._replace(bodies=bodies), (1.5 * stretch, lever, bend)
+                image.image_gain(scene, facets, longer, *bounds, stack, gain)
             if usual:
                 illuminated = np.flatnonzero(gain)
                 stride = max(len(illuminated) // _SAMPLED_FACETS, 1)

@@ -257,7 +257,8 @@ class JoinedPhotons:
         """Return the inputs of the photons of a run."""
         link, start = self.link, run.start
         surface = arrays.surface_arrays(intersector.mesh, self._normals, link.physics.unresolved)
-        _require_followed(link, frame, surface)
+        rough = max(surface.roughness[:2]) > 0.0
+        ends.require_followed_bodies(link, frame.unit * float(surface.low[2]), rough)
         is_level = surface.low[2] == surface.high[2] and surface.max_slope == 0.0
         # smooth waves focus: crossings are then solved for, all of them
         is_smooth = not is_level and max(surface.roughness[:2]) == 0.0
@@ -451,26 +452,6 @@ class _Run(NamedTuple):
     targets: list[Target]
     share: Floats  # factors on the scores of the targets
     first: list[int]  # by target, number of the crossing from which on light is scored
-
-
-def _require_followed(link: Link, frame: arrays.Frame, surface: MeshArrays) -> None:
-    """Refuse bodies that reflect light which no joined photon follows, nor any other part."""
-    smooth = max(surface.roughness[:2]) == 0.0
-    trough = frame.unit * float(surface.low[2])
-    for i, body in enumerate(link.bodies):
-        if not body.albedo_at(link.transmitters[0].wavelength_nm) > 0.0:
-            continue
-        path = f"objects[{i}]" if i < len(link.objects) else "water.bottom"
-        # photons are joined to ends in the air, and do not go on there
-        top = float(body.triangles()[0][:, 2].max())
-        if top > trough:
-            height = Described(f"a body that reflects, up to z = {top:.4g} m")
-            allowed = f"below the lowest trough, z = {trough:.4g} m, or black; {ends.ANALOG}"
-            raise Refused(path, height, allowed)
-        # a photon that runs backwards cannot hit the point that a lamp is
-        if body.reflection == "mirror" and smooth and link.direction == "down":
-            allowed = f"Lambertian or black below smooth waves and a lamp in the air; {ends.ANALOG}"
-            raise Refused(f"{path}.reflection", "mirror", allowed)
 
 
 def _with_buffers(manifold: Manifold | None) -> Manifold | None:

@@ -24,7 +24,7 @@ from meshtrace.kernels.medium import Medium
 from meshtrace.kernels.scene import Emitter, Target
 from meshtrace.kernels.sources import SourceKind
 from meshtrace.kernels.vectors import ORIGIN, Vec3
-from meshtrace.link import Link, Receiver, Source, WaterReceiver, WaterSource
+from meshtrace.link import Body, Link, Receiver, Source, WaterReceiver, WaterSource
 from meshtrace.link.link import SAME_SIDE, Direction
 from meshtrace.link.receivers import Aperture
 from meshtrace.link.sources import AirLamp, AirMeasuredLamp, MeasuredLamp
@@ -273,6 +273,7 @@ def _source_reach(depth: float, a: float) -> float:
 
 def require_followable(link: Link) -> None:
     """Refuse features that neither chains nor joined photons follow."""
+    require_followed_bodies(link)
     # the first source and receiver decide for all: one link has one kind of light
     in_air = any(isinstance(t, AirLamp) for t in link.transmitters)
     into_air = any(isinstance(r, Receiver) for r in link.receivers)
@@ -303,6 +304,33 @@ def require_followable(link: Link) -> None:
             if getattr(link.physics, name) == paper:
                 allowed = f"the physical form in stratified water; {ANALOG}"
                 raise Refused(f"physics.{name}", paper, allowed)
+
+
+def require_followed_bodies(link: Link, trough: float = 0.0, rough: bool = True) -> None:
+    """Refuse bodies that reflect light which no joined photon follows.
+
+    `trough` is the height of the lowest trough [m], `rough` whether the sea has random slopes.
+    """
+    for i, body in enumerate(link.bodies):
+        if not body.albedo_at(link.transmitters[0].wavelength_nm) > 0.0:
+            continue
+        path = f"objects[{i}]" if i < len(link.objects) else "water.bottom"
+        # photons are joined to ends in the air, and do not go on there
+        top = _top_of(body)
+        if top > trough:
+            height = Described(f"a body that reflects, up to z = {top:.4g} m")
+            allowed = f"below the lowest trough, z = {trough:.4g} m, or black; {ANALOG}"
+            raise Refused(path, height, allowed)
+        # a photon that runs backwards cannot hit the point that a lamp is
+        if body.reflection == "mirror" and not rough and link.direction == "down":
+            allowed = f"Lambertian or black below smooth waves and a lamp in the air; {ANALOG}"
+            raise Refused(f"{path}.reflection", "mirror", allowed)
+
+
+@lru_cache(maxsize=64)
+def _top_of(body: Body) -> float:
+    """Return the height of the highest corner of a body [m]."""
+    return float(body.triangles()[0][:, 2].max())
 
 
 def _require_reversible(link: Link) -> None:

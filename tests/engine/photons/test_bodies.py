@@ -148,11 +148,6 @@ def test_paths_record_bodies():
     np.testing.assert_allclose(np.abs(hits - (0.0, 0.0, -10.0)).max(axis=1), 2.0, atol=1e-5)
 
 
-def test_forced_refuses_bodies():
-    with pytest.raises(mt.Refused, match=r'objects: 1 of them.*estimator="analog"'):
-        mt.simulate(boxed(0.5), FlatSea(), estimator="forced")
-
-
 def test_each_wavelength_has_its_albedo():
     # weights at other wavelengths cannot tell the bodies that a path has met
     link = boxed([(400.0, 0.2), (600.0, 0.8)]).replace(water=mt.Water.from_type("jerlov-IB"))
