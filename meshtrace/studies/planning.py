@@ -332,7 +332,7 @@ def availability(
 
     Runs at Sobol points between the 0.2 and 99.8 % quantiles give the mean gain g over a sea whose
     waves are random slopes, and the variance s^2 of ln h over seas with all waves that fade.
-    Response surfaces of ln g and ln s^2 (`ResponseSurface`) give in each state x of the inputs
+    Response surfaces of ln g and ln s^2 (Gaussian processes with noise) give in each state x of the inputs
 
     .. math:: P(h \ge h_0 \mid x) = 1 - F((\ln h_0 - \mathrm{E} \ln h) / s)
 
