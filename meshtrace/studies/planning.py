@@ -57,7 +57,7 @@ _NODES = 17  # of a share over the parameter of the range
 _SPREAD = 0.6, 1.4  # bounds of the depth over that at which median inputs close the link
 _FAR = 2.0  # ratio of that depth to the one of the link from which the bounds are about the latter
 _LEVELS = np.array([0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99])
-_MORE_CHAINS = 4  # of the mean gain, whose error is the largest of a run
+_MORE_CHAINS = 8  # of the mean gain, whose error is the largest of a run
 _NOISE_LEFT = 0.1  # of the variance of ln gain, at least what remains without its noise
 _USELESS = math.log(2.0)  # error of ln gain from which a surface tells nothing
 _DOUBTFUL = 0.02  # standard error of a share
@@ -308,7 +308,7 @@ def availability(
     realizations : int
         Seas of the fading of each run.
     **run
-        Options of the run, see `StudyOptions`: 2048 chains by default over the seas, four times as
+        Options of the run, see `StudyOptions`: 2048 chains by default over the seas, eight times as
         many for the mean gain; progress by run. The store keeps the runs, from which other
         thresholds follow at once.
 
@@ -332,7 +332,8 @@ def availability(
 
     Runs at Sobol points between the 0.2 and 99.8 % quantiles give the mean gain g over a sea whose
     waves are random slopes, and the variance s^2 of ln h over seas with all waves that fade.
-    Response surfaces of ln g and ln s^2 (`ResponseSurface`) give in each state x of the inputs
+    Response surfaces of ln g and ln s^2, Gaussian processes with noise, give in each state x of the
+    inputs
 
     .. math:: P(h \ge h_0 \mid x) = 1 - F((\ln h_0 - \mathrm{E} \ln h) / s)
 
@@ -581,7 +582,7 @@ class _Answer:
         half = 0.5 * (study.realizations - 1)
         logs = np.log(np.maximum(variance, 1e-12)) - special.digamma(half) + math.log(half)
         places = self._places(values)
-        self.gain = ResponseSurface(places, np.log(gain), float(np.median(stderr / gain)))
+        self.gain = ResponseSurface(places, np.log(gain), stderr / gain)
         # the variance of the logarithm is psi'(m)
         noise = math.sqrt(special.polygamma(1, half))
         self.fading = ResponseSurface(places, logs, noise)

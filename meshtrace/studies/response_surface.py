@@ -25,8 +25,8 @@ class ResponseSurface:
         Inputs of the runs, 0 ... 1 along each axis.
     values : ndarray, shape (n,)
         Their results; equal ones are taken for exact.
-    noise : float
-        Standard error of a result as far as it is known: the noise w is at least as large.
+    noise : ndarray, shape (n,), or float
+        Standard error of each result as far as it is known; w is added to it.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class ResponseSurface:
     their ratio.
     """
 
-    def __init__(self, places: Floats, values: Floats, noise: float) -> None:
+    def __init__(self, places: Floats, values: Floats, noise: Floats | float) -> None:
         self._mean, self._model = float(values.mean()), None
         self.residuals, self._factor = np.zeros(len(values)), 1.0
         if np.ptp(values) < 1e-9 * max(abs(self._mean), 1.0):
@@ -64,13 +64,15 @@ class ResponseSurface:
         with warnings.catch_warnings():
             # an input without effect has an infinite length, which the bounds cut off
             warnings.simplefilter("ignore", ConvergenceWarning)
-            least = min(max((noise / float(values.std())) ** 2, 1e-6), 1.0)
-            kernel = signal + WhiteKernel(max(2.0 * least, 1e-3), (least, 2.0))
-            search = GaussianProcessRegressor(kernel, n_restarts_optimizer=_RESTARTS, **options)
+            known = np.broadcast_to((noise / values.std()) ** 2, values.shape)
+            search = GaussianProcessRegressor(
+                signal + WhiteKernel(1e-3, (1e-6, 2.0)), alpha=known,
+                n_restarts_optimizer=_RESTARTS, **options,
+            )  # fmt: skip
             fitted = search.fit(places, values).kernel_
         # the noise belongs to the runs and not to the surface, whose errors are asked for
         self._model = GaussianProcessRegressor(
-            fitted.k1, alpha=fitted.k2.noise_level, optimizer=None, **options
+            fitted.k1, alpha=known + fitted.k2.noise_level, optimizer=None, **options
         ).fit(places, values)
         self._places, self._scale = places, float(values.std())
         self._inverse = np.linalg.inv(self._model.L_ @ self._model.L_.T)

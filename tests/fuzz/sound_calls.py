@@ -227,7 +227,7 @@ OTHER = {
     "stored.write_dataset": {"data": xr.Dataset({"x": ("t", [1.0])})},
     "optics.water_files.read_spectrum": {"path": file("water.csv")},
     "studies.availability": {"inputs": {"water.a": {"samples": [0.1, 0.2]}}, "threshold": 1e-5,
-                             "over": {}, "runs": 8, "realizations": 4},
+                             "over": {}, "runs": 8, "realizations": 4, "target": 0.9},
     "studies.sweep_file": {"path": file("study.toml")},
     "studies.sweeps.read_study": {"path": file("study.toml")},
     "duplex": {"down": mt.Link(transmitter=mt.AirLed(), receiver=mt.WaterReceiver()),
