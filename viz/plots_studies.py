@@ -236,10 +236,10 @@ def plot_availability(a: studies.Availability, *, ax: Axes | None = None) -> Axe
         ax = marks.lines(ax, data, "share", ("-", "--"))
         ax.axhline(a.target, color=INK, lw=0.8)
         return marks.finished(ax, xlabel=label_of(a.parameter), ylim=(0.0, 1.0))
-    rows = a.periods[1:] or a.periods
-    each = np.array([p[1:5] for p in rows]).T
+    periods = a.periods[1:] or a.periods
+    each = np.array([p[1:5] for p in periods]).T
     shares = {"share": [each[0], each[2]], "share_stderr": [each[1], each[3]]}
-    data = marks.dataset(shares, curve=names, period=[p.name for p in rows])
+    data = marks.dataset(shares, curve=names, period=[p.name for p in periods])
     return marks.finished(marks.bars(ax, data, "share"), ylim=(0.0, 1.0))
 
 

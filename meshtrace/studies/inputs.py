@@ -35,13 +35,13 @@ class Input(NamedTuple):
         Its key.
     values : tuple of ndarray
         Values of the year, or of each month.
-    rows : str
+    record : str
         Inputs of one text have their values at the same times, and are drawn together.
     """
 
     name: str
     values: tuple[Floats, ...]
-    rows: str
+    record: str
 
     def of_month(self, month: int) -> Floats:
         """Return the values of a month; those of the year serve all."""
@@ -109,24 +109,24 @@ def read_inputs(inputs: Mapping[str, Any] | str | Path) -> list[Input]:
 
 def _by_key(table: Mapping[str, Any], path: str = "") -> dict[str, Any]:
     """Return the tables of inputs inside nested tables by dotted key."""
-    found: dict[str, Any] = {}
+    tables: dict[str, Any] = {}
     for name, item in table.items():
         key = f"{path}.{name}" if path else name
         is_input = not isinstance(item, Mapping) or {"distribution", "samples", "file"} & {*item}
-        found |= {key: item} if is_input else _by_key(item, key)
-    return found
+        tables |= {key: item} if is_input else _by_key(item, key)
+    return tables
 
 
 def _read(name: str, source: Any, folder: Path) -> Input:
     """Return the input that a law, samples or a table describes."""
-    field, rows, clip = f"inputs.{name}", "", None
+    field, record, clip = f"inputs.{name}", "", None
     if isinstance(source, Mapping):
         table = dict(source)
         clip = table.pop("clip", None)
         if "file" in table:
             require_keys(table, _OF_FILES, field)
-            rows = str(folder / str(table["file"]))
-            source = _samples_of(rows, table, field)
+            record = str(folder / str(table["file"]))
+            source = _samples_of(record, table, field)
         elif "samples" in table:
             require_keys(table, ("samples",), field)
             source = table["samples"]
@@ -138,7 +138,7 @@ def _read(name: str, source: Any, folder: Path) -> Input:
         if not low < high:
             raise Refused(f"{field}.clip", clip, "[low, high], low < high")
         by_month = tuple(np.clip(values, low, high) for values in by_month)
-    return Input(name, by_month, rows)
+    return Input(name, by_month, record)
 
 
 def _law(table: dict[str, Any], field: str) -> Any:

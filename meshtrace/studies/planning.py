@@ -195,12 +195,12 @@ class Availability(Stored, kind="availability", title="meshtrace availability"):
         """Return shares, range and influences as text for a terminal."""
         of_outage = f"outage <= {100.0 * self.outage:g} %"
         heads = ("period", "works", of_outage, "without fades")
-        rows = [
+        shares_of_periods = [
             (p.name, _percent(p.share, p.share_stderr),
              _percent(p.steady_share, p.steady_share_stderr), f"{100.0 * p.mean_share:.1f} %")
             for p in self.periods
         ]  # fmt: skip
-        lines = [text_table(rows, heads), "", *self._range_lines()]
+        lines = [text_table(shares_of_periods, heads), "", *self._range_lines()]
         shares = ("mean gain", "fading", "margin", "margin if known")
         influences = [
             (i.name, *(f"{100.0 * max(x, 0.0):.1f} %" for x in (
@@ -251,10 +251,10 @@ class Availability(Stored, kind="availability", title="meshtrace availability"):
 
     def _origin_lines(self) -> list[str]:
         spans = self.provenance.get("run", {}).get("inputs", {})
-        rows = (
+        texts = (
             f"{name} {low:.3g}, {mid:.3g}, {high:.3g}" for name, (low, mid, high) in spans.items()
         )
-        return [f"inputs (least, median, largest): {'; '.join(rows)}"] if spans else []
+        return [f"inputs (least, median, largest): {'; '.join(texts)}"] if spans else []
 
 
 def _percent(share: float, stderr: float) -> str:
@@ -371,16 +371,17 @@ def availability(
         campaign.run.seed, realizations, threshold, limit,
     )  # fmt: skip
     closing: float | None = None
+    bounds = over
     if over is None:
-        depth, over = scenario.link.depth, {}
+        depth, bounds = scenario.link.depth, dict[str, Any]()
         if not math.isnan(depth):
             closing = study.closing_depth(scenario.link, known)
             # a range far from the link is only named: deeper links take longer
             middle = closing if depth < _FAR * closing < _FAR**2 * depth else depth
             low, high = (factor * middle for factor in _SPREAD)
-            over = {depth_key(scenario.link): (min(low, depth), max(high, depth))}
-    study, axes = study.with_range(known, over)
-    value = study.value(axes[-1].name) if over else math.nan
+            bounds = {depth_key(scenario.link): (min(low, depth), max(high, depth))}
+    study, axes = study.with_range(known, bounds)
+    value = study.value(axes[-1].name) if bounds else math.nan
     sobol = stats.qmc.Sobol(len(axes), rng=campaign.run.seed)
     places = sobol.random_base2(math.ceil(math.log2(runs)))[:runs]
     values = np.transpose([axis.value(places[:, k]) for k, axis in enumerate(axes)])
@@ -394,7 +395,7 @@ def availability(
         numbers[:, 3] = threshold
     spans = {item.name: item.quantile([0.0, 0.5, 1.0]).tolist() for item in known}
     # digits of the surfaces do not depend on the threads of BLAS
-    answer = held(_Answer)(study, known, axes, values, numbers, outage, target, value)
+    answer = held(_Answer)(study, known, axes, values, numbers, (outage, target), value)
     return held(answer.result)(
         campaign.provenance(of_study={"inputs": spans, "closing_depth": closing})
     )
@@ -417,12 +418,12 @@ class _Runs(NamedTuple):
     threshold: float | None
     limit: float
 
-    def with_range(self, inputs: list[Input], over: Bounds) -> tuple[_Runs, list[Axis]]:
+    def with_range(self, inputs: list[Input], bounds: Bounds) -> tuple[_Runs, list[Axis]]:
         """Return the runs with the key of the range, and the axes of all."""
         axes = [item.axis() for item in inputs]
-        if len(over) > 1:
-            raise Refused("over", list(over), "one key")
-        for name, (low, high) in checked_bounds(over).items():
+        if len(bounds) > 1:
+            raise Refused("over", list(bounds), "one key")
+        for name, (low, high) in checked_bounds(bounds).items():
             if _key(name) in map(_key, self.names):
                 raise Refused("over", name, "a key that is no input")
             axes.append(Axis(name, low, high, False))
@@ -511,9 +512,9 @@ class _Runs(NamedTuple):
         logs = np.log(np.maximum(series.gain, 1e-300))
         total, n = float(logs.var(ddof=1)), len(logs)
         relative = series.gain_stderr / np.maximum(series.gain, 1e-300)
-        common = float(series.mean_stderr) / max(float(series.gain.mean()), 1e-300)
+        of_all_seas = float(series.mean_stderr) / max(float(series.gain.mean()), 1e-300)
         # as in `GainSeries.fading`: the error that all seas have in common does not scatter them
-        noise = max(float(np.mean(relative**2)) - common**2, 0.0) * n / (n - 1)
+        noise = max(float(np.mean(relative**2)) - of_all_seas**2, 0.0) * n / (n - 1)
         return max(total - noise, _NOISE_LEFT * total)
 
 
@@ -543,8 +544,8 @@ class _Fades:
 
     def quantile(self, share: float, log_variance: Floats) -> Floats:
         """Return ln(gain / mean gain) at a quantile."""
-        rows = zip(self._mean, self._std, self._below, strict=True)
-        values = [mean + std * np.interp(share, below, self._z) for mean, std, below in rows]
+        laws = zip(self._mean, self._std, self._below, strict=True)
+        values = [mean + std * np.interp(share, below, self._z) for mean, std, below in laws]
         return np.interp(self._log_std(log_variance), np.log(self._std), values)
 
 
@@ -564,18 +565,18 @@ class _Answer:
         Axes of the inputs, and of the key of the range, if any, as the last.
     values, numbers : ndarray, shape (runs, axes) and (runs, 4)
         Inputs and results of the runs.
-    outage, target : float
-        As in `availability`.
+    levels : tuple of float
+        Outage and target, as in `availability`.
     value : float
         Value of the key of the range for the link.
     """
 
     def __init__(
         self, study: _Runs, inputs: list[Input], axes: list[Axis], values: Floats,
-        numbers: Floats, outage: float, target: float, value: float,
+        numbers: Floats, levels: tuple[float, float], value: float,
     ) -> None:  # fmt: skip
         self.study, self.inputs, self.axes, self.values = study, inputs, axes, values
-        self.numbers, self.outage, self.target, self.value = numbers, outage, target, value
+        self.numbers, (self.outage, self.target), self.value = numbers, levels, value
         gain, stderr, variance, need = numbers.T
         # the logarithm of a sample variance of n normal numbers is biased by psi(m) - ln m, with
         # m = (n - 1) / 2
@@ -599,7 +600,7 @@ class _Answer:
     def _states(self) -> Floats:
         """States (months, sets, n, inputs) of the inputs."""
         # inputs of one file share a column, so that they have the values of the same times
-        files = [item.rows or item.name for item in self.inputs]
+        files = [item.record or item.name for item in self.inputs]
         columns = [list(dict.fromkeys(files)).index(name) for name in files]
         n = _STATES if self._months == 1 else _STATES_OF_MONTH
         seeds = np.random.SeedSequence(self.study.seed).spawn(_SETS)
@@ -644,10 +645,10 @@ class _Answer:
         by_set = (works * weights[None, :, None]).sum(axis=(1, 3))
         variance = by_set.var(axis=1, ddof=1) / _SETS
         # states spread over all months
-        some = np.unique(np.linspace(0, len(flat) - 1, _WEIGHED).astype(int))
-        share = np.broadcast_to(weights[:, None], states.shape[:3]).ravel()[some]
+        weighed = np.unique(np.linspace(0, len(flat) - 1, _WEIGHED).astype(int))
+        share = np.broadcast_to(weights[:, None], states.shape[:3]).ravel()[weighed]
         share = share / share.sum()
-        at, margin, log_variance = places[some], margin[some], log_variance[some]
+        at, margin, log_variance = places[weighed], margin[weighed], log_variance[weighed]
         for surfaces, step, move in (
             ((self.gain, self.need), _STEPS[0], (1.0, 0.0)),
             ((self.fading,), _STEPS[1], (0.0, 1.0)),
@@ -670,10 +671,10 @@ class _Answer:
         """Return the Sobol indices of the inputs at the link's value of the key of the range."""
 
         def quantities(values: Floats) -> Floats:
-            rows = values.T
+            states = values.T
             if len(self.axes) > len(self.inputs):
-                rows = np.column_stack([rows, np.full(len(rows), self.value)])
-            places = self._places(rows)
+                states = np.column_stack([states, np.full(len(states), self.value)])
+            places = self._places(states)
             gain, logs = self.gain.values(places), self.fading.values(places)
             margin = gain - self.need.values(places) + _fades().quantile(self.outage, logs)
             return np.array([gain, logs, margin])
@@ -705,8 +706,8 @@ class _Answer:
         if not math.isnan(reach):
             slope = interpolate.PchipInterpolator(nodes, values[0])(reach, 1)
             stderr = float(np.interp(reach, nodes, errors[0]) / max(abs(slope), 1e-300))
-        found = {"parameter": axis.name, "range": reach, "range_stderr": stderr}
-        return found | {"steady_range": steady} | curves
+        reached = {"parameter": axis.name, "range": reach, "range_stderr": stderr}
+        return reached | {"steady_range": steady} | curves
 
     def result(self, provenance: dict[str, Any]) -> Availability:
         """Return the result of the study."""
