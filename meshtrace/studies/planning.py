@@ -371,9 +371,9 @@ def availability(
         campaign.run.seed, realizations, threshold, limit,
     )  # fmt: skip
     closing: float | None = None
-    bounds = over
+    bounds: Bounds = over or {}
     if over is None:
-        depth, bounds = scenario.link.depth, dict[str, Any]()
+        depth = scenario.link.depth
         if not math.isnan(depth):
             closing = study.closing_depth(scenario.link, known)
             # a range far from the link is only named: deeper links take longer
