@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -161,47 +163,54 @@ def received_paths(
     if link.direction in SAME_SIDE:
         arrays = forced_link(link)
         aimed = AimedChains(arrays, mesh, normals, link.physics.unresolved)
-        shares, paths = _straight_and_mirrored(aimed, n, rng)
+        sets = _straight_and_mirrored(aimed, n, rng)
     else:
         sea = TypicalSea.of_meshes([mesh])
         forced = ForcedDetection(link, chains, seed, normals, sea=sea, scattered="chains")
         arrays = forced.arrays
-        shares, paths = _chained(forced, mesh, n, rng)
-    if not paths:
+        sets = _chained(forced, mesh, n, rng)
+    if not sets:
         dark = Described("no light is received")
         raise Refused("received_only", dark, "a link that receives some")
     # a second draw over all orders and sources, again in proportion to the light
-    total = float(sum(shares))
-    chosen = rng.choice(len(paths), n, p=np.array(shares) / total)
-    out = _empty(max(len(paths[i]) for i in chosen), np.arange(n, dtype=np.int64))
+    shares = np.repeat([gain / count for gain, count, _ in sets], [count for _, count, _ in sets])
+    chosen = rng.choice(len(shares), n, p=shares / shares.sum())
+    first = np.cumsum([0, *(count for _, count, _ in sets)])
+    set_of = np.searchsorted(first, chosen, side="right") - 1
+    placed = []
+    for i in np.unique(set_of):
+        paths = np.flatnonzero(set_of == i)
+        placed.append((paths, sets[i][2](chosen[paths] - first[i])))
+    out = _empty(max(points.shape[1] for _, points in placed), np.arange(n, dtype=np.int64))
     from_air = arrays.direction in ("down", "over")
-    for k, i in enumerate(chosen):
-        m = len(paths[i])
+    for paths, points in placed:
+        m = points.shape[1]
         # light that goes down is followed backwards: the order of its vertices is reversed
-        out.vertex[k, :m] = arrays.frame.metres(paths[i][:: -1 if arrays.down else 1])
-        out.weight[k, :m] = total / n
-        out.what[k, :m] = Vertex.SCATTER
+        out.vertex[paths, :m] = arrays.frame.metres(points[:, :: -1 if arrays.down else 1])
+        out.weight[paths, :m] = float(shares.sum()) / n
+        out.what[paths, :m] = Vertex.SCATTER
         # straight light meets no surface: its source takes this place
-        out.what[k, 1 if arrays.down else m - 2] = (
+        out.what[paths, 1 if arrays.down else m - 2] = (
             Vertex.SURFACE_IN if from_air else Vertex.SURFACE_OUT
         )
-        out.what[k, 0] = Vertex.SOURCE
-        out.what[k, m - 1] = Vertex.RECEIVED
+        out.what[paths, 0] = Vertex.SOURCE
+        out.what[paths, m - 1] = Vertex.RECEIVED
     return out
 
 
-_Drawn = tuple[list[float], list[Floats]]  # shares of the gain, and points (m, 3) of their paths
+_Place = Callable[[NDArray[np.intp]], Floats]
+_Set = tuple[float, int, _Place]
+"""Light of a set of paths, their number, and a function for the points (k, m, 3) of some."""
 
 
 def _chained(
     forced: ForcedDetection, mesh: TriangleMesh, n: int, rng: np.random.Generator
-) -> _Drawn:
+) -> list[_Set]:
     """Return up to n paths of each set of chains to the first receiver."""
     # chains without a scattering stand for unscattered light: its integral over the facets follows
     # no paths
     aimed, sets = forced.planner.aim_over(mesh), forced.sets(unscattered=True)
-    arrays = forced.arrays
-    shares, paths = list[float](), list[Floats]()
+    arrays, drawn_sets = forced.arrays, list[_Set]()
     # To the first receiver: target 0 of each source of an uplink. Chains of a downlink run
     # backwards: emitter 0 is the receiver, and the targets are the sources.
     for s, power in enumerate(arrays.power):
@@ -216,16 +225,23 @@ def _chained(
             # light
             drawn = rng.choice(len(arrivals), min(n, len(arrivals)), p=weight / weight.sum())
             ends = arrays.emitters[e], arrays.targets[t]
-            paths += list(_placed(chain_set.chains, arrivals[drawn], *ends))
-            # each has an equal share of the light of the set
-            shares += [float(weight.sum()) / max(len(drawn), 1)] * len(drawn)
-    return shares, paths
+            place = partial(_of_chains, chain_set.chains, arrivals[drawn], ends)
+            drawn_sets.append((float(weight.sum()), len(drawn), place))
+    return drawn_sets
 
 
-def _straight_and_mirrored(aimed: AimedChains, n: int, rng: np.random.Generator) -> _Drawn:
+def _of_chains(
+    chains: Chains, arrivals: NDArray[np.void], ends: tuple[Emitter, Target],
+    chosen: NDArray[np.intp],
+) -> Floats:  # fmt: skip
+    """Return the points (chosen, m, 3) of some of the chains that arrive."""
+    return _placed(chains, arrivals[chosen], *ends)
+
+
+def _straight_and_mirrored(aimed: AimedChains, n: int, rng: np.random.Generator) -> list[_Set]:
     """Return n paths straight from each source to the first receiver, and n by the mirror."""
     link: ForcedLink = aimed.link
-    shares, paths = list[float](), list[Floats]()
+    drawn_sets = list[_Set]()
     for e, emitter in enumerate(link.emitters):
         # points of the disk: uniform in azimuth and in the square of the radius
         u = rng.random((2, n))
@@ -234,16 +250,16 @@ def _straight_and_mirrored(aimed: AimedChains, n: int, rng: np.random.Generator)
         ends, start = on_disk(link.targets[0].center, link.targets[0], disk), emitter.position
         straight, _ = straight_gains(link, aimed.intersector, link.medium, e, 0)
         if straight > 0.0:
-            paths += [np.array([start, end]) for end in ends]
-            shares += [link.share(e, 0) * straight / n] * n
+            points = np.stack([np.broadcast_to(start, ends.shape), ends], axis=1)
+            drawn_sets.append((link.share(e, 0) * straight, n, points.__getitem__))
         by_facet = aimed.direct_gains(e, 0)
         mirrored = float(by_facet.sum())
         if mirrored > 0.0:
             facets = rng.choice(len(by_facet), n, p=by_facet / mirrored)
             at = _mirror_points(aimed, facets, np.array(start), ends)
-            paths += [np.array([start, *pair]) for pair in zip(at, ends, strict=True)]
-            shares += [link.share(e, 0) * mirrored / n] * n
-    return shares, paths
+            points = np.stack([np.broadcast_to(start, ends.shape), at, ends], axis=1)
+            drawn_sets.append((link.share(e, 0) * mirrored, n, points.__getitem__))
+    return drawn_sets
 
 
 def _mirror_points(

@@ -80,10 +80,10 @@ def test_trusted_modules_of_the_working_directory_are_found_by_it(tmp_path, monk
 def test_the_process_that_designs(hostile, monkeypatch):
     """Also where this process was started by `python -m`, which puts the folder first."""
     monkeypatch.syspath_prepend(hostile)
-    link = mt.Link(receiver=(mt.Receiver(), mt.Receiver(height=9.0)))
-    two = Scenario.from_toml("wind_speed = 0.0").replace(link=link)
-    with pytest.raises(Refused, match="design: receiver"):
-        asyncio.run(stages.design_of(two))
+    link = mt.Link(receiver=mt.WaterReceiver(depth=5.0))
+    under = Scenario.from_toml("wind_speed = 0.0").replace(link=link)
+    with pytest.raises(Refused, match="ends on one side"):
+        asyncio.run(stages.design_of(under))
 
 
 WORKERS = """

@@ -212,6 +212,7 @@ OTHER = {
     "Uav.simulate_flight": {"times": TIMES},
     "Uav.tilt": {"wind": [[5.0, 0.0, 0.0]]},
     "Uav.tilt_law": {"law": "exact"},
+    "Link.require_no_bodies": {"allowed": "none"},
     "MeshSource.mesh": {}, "Route.at": {"times": [0.5]},
     "Scenario.case": {"surface": None}, "OokLink.preset": {"name": "physical"},
     "Physics.preset": {"name": "paper"}, "Sensitivities.derivative": {"name": "water.a"},

@@ -303,7 +303,7 @@ def test_bands_cover_the_truth(chain_error):
         level = TiltFactors(np.ones(1), np.ones(1))
         fades = FadingSamples(synthetic(gains, chain_error * gains.mean()), level, float(n))
         quantile = float(ndtri(0.975))
-        ber = operating_point.ber_of_samples(ook, fades, quantile, 0.95, trial)
+        ber = operating_point.ber_of_samples(ook, lambda dark: dark, fades, quantile, 0.95, trial)
         outage = operating_point.outage_of_samples(ook, fades, 1e-3, quantile, 0.95)
         covered += ber.low <= truth <= ber.high, outage.low <= missed <= outage.high
     # 0.95 of 100 lies above 0.85 but for a probability of 1e-4

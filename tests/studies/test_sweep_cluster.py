@@ -197,7 +197,10 @@ def test_local_cluster_listens_to_this_machine_alone_and_works_in_private(tmp_pa
     seen, folders = set(), []
 
     def listening(process):
-        found = process.net_connections("inet")
+        try:
+            found = process.net_connections("inet")
+        except psutil.NoSuchProcess:  # a helper of the start of a worker has ended meanwhile
+            return set()
         return {c.laddr.ip for c in found if c.status == psutil.CONN_LISTEN}
 
     def look(done):  # after the first point: wait for the worker

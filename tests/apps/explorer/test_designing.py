@@ -75,9 +75,9 @@ def test_the_design_is_that_of_the_library(monkeypatch):
 @pytest.mark.process
 @pytest.mark.thorough
 def test_a_refused_design_is_one_line():
-    two = CALM.replace(link=mt.Link(receiver=(mt.Receiver(), mt.Receiver(height=9.0))))
-    with pytest.raises(Refused, match="receiver") as error:
-        asyncio.run(stages.design_of(two))
+    under = CALM.replace(link=mt.Link(receiver=mt.WaterReceiver(depth=5.0)))
+    with pytest.raises(Refused, match="ends on one side") as error:
+        asyncio.run(stages.design_of(under))
     assert len(str(error.value).splitlines()) == 1
 
 

@@ -14,9 +14,9 @@ from meshtrace.surfaces import FlatSea, JonswapSea
 FEW = {"photons": 300, "threads": 1}
 
 
-def test_simulate_has_eleven_parameters_and_no_options_of_one_estimator():
+def test_simulate_has_twelve_parameters_and_no_options_of_one_estimator():
     parameters = inspect.signature(mt.simulate).parameters.values()
-    assert len([p for p in parameters if p.kind is not p.VAR_KEYWORD]) <= 11
+    assert len([p for p in parameters if p.kind is not p.VAR_KEYWORD]) <= 12
     assert "Analog only" not in (mt.simulate.__doc__ or "")
 
 
