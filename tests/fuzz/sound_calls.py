@@ -238,7 +238,9 @@ OTHER = {
     "optimize": {"over": {"receiver.fov_deg": (10.0, 60.0)}},
     "infer": {"surface": None},
     "band_limit_study": {"surface": SEA, "omega_max": (2.0, 4.0, 6.0, 8.0), "unresolved": "none"},
-    "body_study": {"link": over_a_plate, "surface": mesh, "meshes": plates, "body": 0},
+    "body_study": {
+        "link": over_a_plate, "surface": mesh, "meshes": plates, "body": 0, "photons": 64,
+    },
     "convergence_study": {"surface": SEA, "unresolved": "none"},
     "time_step_study": {"surface": SEA},
     "apps.MarkovChannel.fit": {"thresholds": (1.0,)},
