@@ -258,7 +258,9 @@ class Availability(Stored, kind="availability", title="meshtrace availability"):
 
 
 def _percent(share: float, stderr: float) -> str:
-    return f"{100.0 * share:.1f} +- {100.0 * stderr:.1f} %"
+    # a share that no state comes near to changing still has an error
+    error = f"{100.0 * stderr:.1f}" if stderr >= 5e-4 else "< 0.05"
+    return f"{100.0 * share:.1f} +- {error} %"
 
 
 @check_call
