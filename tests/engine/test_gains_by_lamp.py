@@ -74,6 +74,7 @@ def test_lamps_alone():
         np.testing.assert_allclose(parts[lamp], source.power_mw / 150.0 * alone, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_wavelengths_and_files(tmp_path):
     ends = link(water=mt.Water.from_type("jerlov-II"))
     run = {"photons": 32, "threads": 1, "wavelengths_nm": [450.0, 500.0]}

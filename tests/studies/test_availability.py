@@ -37,7 +37,7 @@ def answer(log_gain, variance, laws, n=32, outage=0.01, need=1.0, seed=3):
     rows = np.transpose([gain, 1e-4 * gain, variance(*values.T), np.full(n, need)])
     # variances over so many seas have no noise
     study = SimpleNamespace(realizations=100_000, seed=seed)
-    return planning._Answer(study, inputs, axes, values, rows, outage, 0.9, math.nan)
+    return planning._Answer(study, inputs, axes, values, rows, (outage, 0.9), math.nan)
 
 
 def test_shares_are_those_of_the_law_of_fades():
@@ -93,7 +93,7 @@ def test_a_surface_without_fades_misleads():
     assert year.steady_share < 0.5
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_surface_states_its_error():
     """Errors of means of the surface from noisy runs are as large as stated."""
     places = stats.qmc.Sobol(2, rng=1).random(32)[:24]
@@ -176,13 +176,13 @@ def test_samples_of_files(tmp_path):
     assert chlorophyll.of_month(2) == pytest.approx(0.8)
     assert cdom.of_month(2).max() == pytest.approx(0.1, rel=1e-3)
     # one file: the values of the same times
-    assert speed.rows == height.rows != ""
+    assert speed.record == height.record != ""
     inputs = [speed._replace(values=(wind * 1.0,)), height._replace(values=(hs,))]
     axes = [item.axis() for item in inputs]
     values = np.transpose([axis.value(np.linspace(0, 1, 8)) for axis in axes])
     rows = np.transpose([np.exp(values[:, 0]), np.ones(8), 0.1 * np.ones(8), np.ones(8)])
     study = SimpleNamespace(realizations=4, seed=1)
-    found = planning._Answer(study, inputs, axes, values, rows, 0.1, 0.9, math.nan)
+    found = planning._Answer(study, inputs, axes, values, rows, (0.1, 0.9), math.nan)
     assert found._states[..., 1] == pytest.approx(0.1 * found._states[..., 0])
 
 

@@ -66,7 +66,7 @@ def test_a_predicted_beam_leaves_the_closed_form():
     assert meets(choppy_patch(5.0), link, 6)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_deep_lamp_loses_a_narrow_spot_but_not_the_surface():
     by_spot, _, closed = residual(choppy_patch(5.0), link_of(depth=3.0), 3)
     by_slope, *_ = residual(choppy_patch(5.0), link_of(depth=3.0, sees="slope"), 2)
