@@ -59,7 +59,7 @@ def _is_unobstructed(p, d, length, world):
     """Return whether neither waves nor bodies cut off a straight path in the water."""
     if is_hidden(p, d, length, world.bodies):
         return False
-    # paths below the lowest trough, most of them, meet no wave
+    # paths below the lowest trough, `low` (x, y, z) of the mesh, most of them, meet no wave
     if max(p.z, p.z + length * d.z) < world.surface.low[2]:
         return True
     hair = _HAIR * (1.0 + length)
@@ -119,7 +119,9 @@ def join_straight(q, i, world, same_side):
 
     Array twin: `join_hits` of the photon that goes on.
     """
-    if not targets.is_mirrored(same_side):  # an argument: not compiled for links that change sides
+    # Receivers in the air are met through the surface alone. `same_side` is an argument, None for
+    # links that change sides: numba then leaves out the rest by its type.
+    if not targets.is_mirrored(same_side):
         return
     start, target = place(q), targets.scene_to(world.joins.target[i], world).target
     # q.u, q.v: uniforms drawn at the start, the same point of an aperture for all events of q
@@ -145,7 +147,9 @@ def join_hits(q, world, same_side):
 
     Array twin: `join_straight`.
     """
-    if not targets.is_mirrored(same_side):  # an argument: not compiled for links that change sides
+    # Receivers in the air are met through the surface alone. `same_side` is an argument, None for
+    # links that change sides: numba then leaves out the rest by its type.
+    if not targets.is_mirrored(same_side):
         return
     # Unscattered light is integrated elsewhere (`engine.straight`). Density 0: the event was not
     # joined, or a rough or a second mirror has turned its light, see `joined_walk._note_mirror`.
