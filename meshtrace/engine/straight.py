@@ -8,6 +8,15 @@ view ends at a polar angle, the disk at an azimuth Phi(theta) on either side of 
 cone that a beam fills at an azimuth Psi(theta) on either side of its axis. Gauss-Legendre
 quadrature between these rims sees a smooth integrand, however narrow the beam. Where waves may
 stand in the way, or bodies, rays find the azimuths between which the light is free.
+
+Azimuth 0 points from the foot to the centre of the aperture. The haversine hav(x) = sin^2(x / 2) =
+(1 - cos(x)) / 2 keeps the digits of small angles that a cosine loses. The angle between a direction
+(theta, azimuth) and the axis of the beam, at the polar angle beta and the azimuth `turn`, is by the
+spherical law of haversines
+
+    hav(angle) = hav(theta - beta) + sin(theta) sin(beta) hav(azimuth - turn).
+
+Lengths are in the unit of the frame of the link, called m here.
 """
 
 from __future__ import annotations
@@ -31,41 +40,53 @@ from meshtrace.kernels.vectors import Vec3
 from meshtrace.models import Floats
 from meshtrace.quadrature import gauss_legendre
 
-# Gauss nodes along either coordinate, until the gain changes by less than _ENOUGH. A beam that is
-# cut off at 1e-16 of its brightness spans 17 standard deviations: 48 nodes integrate it to 1e-9.
+# Gauss nodes along theta and along azimuth, tried in turn until the gain changes by less than the
+# share _ENOUGH. A Gaussian beam, cut off at exp(-x^2 / 2) = 1e-16, spans 2 x = 17 standard
+# deviations: 48 nodes integrate it to 1e-9.
 _NODES = 12, 24, 48, 96
 _ENOUGH = 1e-8
-# Of light beside solids: parts of a panel to start with, nodes over the polar angle in each, rays
-# along an arc, and halvings of parts, until their changes add up to _SHADED_ENOUGH.
+# Of light beside solids: parts of a panel to start with, nodes along either coordinate in each,
+# rays along an arc to find its shadows, and the most halvings of parts, which end as soon as the
+# changes by the last halving of each part add up to less than the share _SHADED_ENOUGH of the gain.
 _SHADED_PANELS, _SHADED_NODES, _RAYS, _MOST_SPLITS = 4, 12, 96, 200
 _SHADED_ENOUGH = 1e-6
-_SHADED_LEAST_ERROR = 1e-4  # of what lies between the rays along an arc: 3e-5 at a straight edge
+# relative: halving does not see a solid that slips between two rays of an arc; 3e-5 was left at a
+# straight edge
+_SHADED_LEAST_ERROR = 1e-4
 _LEAST_ERROR = 1e-9  # relative: rounding of angles far from the axis of a narrow beam
 _DARK = 37.0  # exp(-37) = 1e-16: fainter light changes no digit of a sum
-_OCTAVES = 8.0  # ratio of radii within one panel of a disk so near that light grazes it
-_SCAN = 64  # polar angles at which rims are compared, to find where they cross
-_HALVINGS = 50  # of the interval of a rim: down to the last digit
-_IN_PLANE = 1e-12  # height over the extent of the aperture up to which it is rounding
-_HAIR = 1e-6  # share of a path, at its end, where a facet cuts nothing: rounding of the aperture
+# Largest ratio of tan(theta), and so of radii rho, within one panel of a disk that is wide against
+# its distance h: each panel sees the fall of the light with the distance, not all of it at once.
+_PANEL_RATIO = 8.0
+_SCAN = 64  # polar angles in each panel at which rims are compared, to find where they cross
+_HALVINGS = 50  # of an interval, to find a rim in it: 2^-50 = 1e-15, down to the last digit
+# A lamp is in the plane of the aperture, and lights nothing, up to this ratio of its distance h
+# from the plane to the extent of what it sees there: such an h is rounding.
+_IN_PLANE = 1e-12
+# Share of a path, at its end, within which a facet hides nothing: one that touches the aperture is
+# in front of it or behind by rounding alone.
+_HAIR = 1e-6
 
 
 class _Arcs(NamedTuple):
     """Arcs of directions at polar angles to the axis of the aperture, each (n,) [rad]."""
 
     theta: Floats
-    weight: Floats  # of the quadrature over theta
-    low: Floats  # azimuths at both ends of an arc
+    weight: Floats  # of the quadrature over theta, with its dtheta [rad], without sin(theta)
+    low: Floats  # azimuths at both ends of an arc, low < high; not wrapped to one turn
     high: Floats
 
 
 class _Sight(NamedTuple):
     """The aperture and the beam, as seen from the lamp."""
 
-    start: Floats  # (3,) place of the lamp
-    axes: Floats  # (3, 3) axis of the aperture, way to its centre across it, normal to both
-    height: float  # h, distance of the lamp from the plane of the aperture
-    offset: float  # of the centre of the aperture from the foot of the lamp
-    radius: float
+    start: Floats  # (3,) place of the lamp [m]
+    # (3, 3), unit vectors as rows: axis of the aperture, along which light arrives; in its plane,
+    # from the foot of the lamp to the centre (azimuth 0); cross product of both (azimuth pi / 2)
+    axes: Floats
+    height: float  # h, distance of the lamp from the plane of the aperture [m]
+    offset: float  # of the centre of the aperture from the foot of the lamp [m]
+    radius: float  # of the aperture [m]
     beta: float  # polar angle of the axis of the beam [rad]
     turn: float  # its azimuth from the centre of the aperture [rad]
     dark: float  # angle to that axis beyond which there is no light [rad]
@@ -73,26 +94,30 @@ class _Sight(NamedTuple):
     def points(self, theta: Floats, azimuth: Floats) -> Floats:
         """Return the points (..., 3) where directions meet the plane of the aperture."""
         rho = self.height * np.tan(theta)
-        at = np.stack(
+        along_axes = np.stack(
             np.broadcast_arrays(self.height, rho * np.cos(azimuth), rho * np.sin(azimuth)), -1
         )
-        return self.start + at @ self.axes
+        return self.start + along_axes @ self.axes
 
     def half_arcs(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Return the azimuths Phi of the disk and Psi of the beam [rad]; 0 where there is none."""
+        """Return the half-widths Phi of the disk and Psi of the beam in azimuth [rad].
+
+        0 where the circle of theta is all outside, pi where it is all inside.
+        """
         rho = self.height * np.tan(theta)
-        beyond = rho - self.offset
-        # haversines keep the digits of the small angles of narrow beams and far apertures
+        past_center = rho - self.offset
         with np.errstate(divide="ignore", invalid="ignore"):
-            # law of cosines: radius^2 = rho^2 + offset^2 - 2 rho offset cos(Phi)
-            disk = (self.radius - beyond) * (self.radius + beyond) / (4.0 * self.offset * rho)
-            off = np.sin(0.5 * (theta - self.beta)) ** 2
-            inside = math.sin(0.5 * self.dark) ** 2 - off
-            beam = inside / (np.sin(theta) * math.sin(self.beta))
+            # law of cosines radius^2 = rho^2 + offset^2 - 2 rho offset cos(Phi), for hav(Phi)
+            hav_disk = (self.radius - past_center) * (self.radius + past_center)
+            hav_disk /= 4.0 * self.offset * rho
+            # law of haversines for the angle `dark`, for hav(Psi)
+            hav_beam = math.sin(0.5 * self.dark) ** 2 - np.sin(0.5 * (theta - self.beta)) ** 2
+            hav_beam /= np.sin(theta) * math.sin(self.beta)
         halves = []
-        # on the axis every azimuth is the same: all of the circle, or nothing of it
-        for squared in (disk, np.where(np.isnan(beam), 1.0, beam)):
-            halves.append(2.0 * np.arcsin(np.sqrt(np.clip(squared, 0.0, 1.0))))
+        # Below 0 no point of the circle is inside, above 1 every one is. With the centre of disk or
+        # beam on the axis the denominator is 0: infinite inside and outside, 0 / 0 at the rim.
+        for hav in (hav_disk, np.where(np.isnan(hav_beam), 1.0, hav_beam)):
+            halves.append(2.0 * np.arcsin(np.sqrt(np.clip(hav, 0.0, 1.0))))
         return halves[0], halves[1]
 
 
@@ -132,16 +157,18 @@ def straight_gains(
     if at is not None:
         emitter = emitter._replace(position=at)
     sight = _sight(emitter, target)
-    panels = _panels(sight, target, emitter.kind == SourceKind.TOP_HAT_BEAM)
+    # every other lamp has faded to nothing at the rim of its beam
+    ends_sharply = emitter.kind == SourceKind.TOP_HAT_BEAM
+    panels = _panels(sight, target, ends_sharply)
     if len(panels) < 2:
         return 0.0, 0.0
     solids = [intersector, link.bodies and link.bodies.intersector]
     hiding = [s for s in solids if s is not None and _meets_bounds(sight, target, s.mesh.bounds)]
-    water = medium if link.direction == "under" else None
+    water = medium if link.direction == "under" else None  # both ends in the water, or in the air
     if hiding:
         gain, change = _shaded(sight, panels, emitter, water, hiding)
         return (gain, change / gain + _SHADED_LEAST_ERROR) if gain > 0.0 else (0.0, 0.0)
-    gain, change = math.nan, math.inf
+    gain, change = math.nan, math.inf  # nothing coarser to compare the first sum with: no break
     for n in _NODES:
         arcs = _arcs_inside(sight, panels, n)
         coarser, gain = gain, _sum_of(sight, arcs, n, emitter, water)
@@ -152,62 +179,74 @@ def straight_gains(
 
 
 def _sight(emitter: Emitter, target: Target) -> _Sight:
-    """Return what a lamp sees of an aperture."""
+    """Return lamp, beam and aperture in coordinates about the axis of the aperture."""
     start, axis, beam = np.array(emitter.position), np.array(target.axis), np.array(emitter.axis)
     way = np.array(target.center) - start
     height = float(way @ axis)
-    # by its components: what is left of the way without that along the axis may be mere rounding
+    # by components in the plane: the way less its part along the axis may be mere rounding
     across = np.array([target.e1, target.e2])
     aside = across @ way
     offset = float(np.linalg.norm(aside))
     along = (aside / offset if offset > 0.0 else np.array([1.0, 0.0])) @ across
     axes = np.array([axis, along, np.cross(axis, along)])
-    forward, right, up = (axes @ beam).tolist()
+    # components of the axis of the beam: at theta = 0, at azimuth 0 and at azimuth pi / 2
+    b_axis, b_along, b_normal = (axes @ beam).tolist()
     return _Sight(
         start=start,
         axes=axes,
         height=height,
         offset=offset,
         radius=target.radius,
-        beta=math.atan2(math.hypot(right, up), forward),
-        turn=math.atan2(up, right),
+        beta=math.atan2(math.hypot(b_along, b_normal), b_axis),
+        turn=math.atan2(b_normal, b_along),
         dark=_dark_angle(emitter),
     )
 
 
 def _dark_angle(emitter: Emitter) -> float:
-    """Return the angle to the axis beyond which a source has 1e-16 of its brightness, or none."""
+    """Return the angle to the axis [rad] beyond which a source has 1e-16 of its intensity or less.
+
+    `Emitter.spread` is the Lambertian order m of an LED, else a half-angle [rad].
+    """
     if emitter.kind == SourceKind.LED:
-        # cos^m = exp(-_DARK), by the haversine (1 - cos) / 2
+        # cos(angle)^m = exp(-_DARK), by hav = (1 - cos) / 2; for m < 1e-3 that is a right angle
         half_versine = -0.5 * math.expm1(-_DARK / max(emitter.spread, 1e-3))
         return 2.0 * math.asin(math.sqrt(half_versine))
     if emitter.kind == SourceKind.GAUSSIAN_BEAM:
+        # exp(-2 (angle / spread)^2) = exp(-_DARK), see `_intensity`
         return min(emitter.spread * math.sqrt(0.5 * _DARK), math.pi)
     # a measured lamp has light at any angle, and its own edges: `intensity` is 0 beyond them
     everywhere = emitter.kind in (SourceKind.ISOTROPIC, SourceKind.TABLE)
     return math.pi if everywhere else emitter.spread
 
 
-def _panels(sight: _Sight, target: Target, sharp: bool) -> Floats:
+def _panels(sight: _Sight, target: Target, ends_sharply: bool) -> Floats:
     """Return polar angles between which the rims of disk, view and beam are smooth [rad].
 
-    `sharp` is whether the light ends at its rim: else it has faded there, and no rim crosses it.
+    Fewer than two without light. `ends_sharply` is whether the intensity jumps to 0 at the rim of
+    the beam; else it has faded there, and a kink of the arcs where disk and beam cross is not seen.
     """
+    # rho of the nearest and of the farthest point of the disk; the foot lies in it where inner < 0
     h, inner, outer = sight.height, sight.offset - sight.radius, sight.offset + sight.radius
     # the lamp is behind the aperture, or in its plane but for rounding, as beside a telescope
     if h <= _IN_PLANE * (outer + sight.radius):
         return np.zeros(0)
+    # light lies between the last of the rims where it may begin and the first where it must end
     low = max(math.atan2(max(inner, 0.0), h), sight.beta - sight.dark)
     view = math.acos(target.cos_half_fov)
     high = min(math.atan2(outer, h), view, sight.beta + sight.dark)
+    # Up to rho = -inner the disk, and up to theta = dark - beta the beam hold whole circles about
+    # the axis (Phi or Psi = pi). A beam with beta + dark > pi reaches past theta = pi, away
+    # from the aperture, and holds whole circles again from 2 pi - (beta + dark) on.
     rims = [low, high, math.atan2(abs(inner), h), abs(sight.beta - sight.dark)]
     rims.append(2.0 * math.pi - sight.beta - sight.dark)
-    # near a wide disk light of all slants fades by the distance, h / cos(theta)
-    octaves = math.floor(math.log(max(outer / h, 1.0), _OCTAVES))
-    rims += [math.atan(_OCTAVES**k) for k in range(1, octaves + 1)]
+    # Near a wide disk light fades with the way h / cos(theta) over many scales of tan(theta) =
+    # rho / h: panels in geometric progression.
+    n_cuts = math.floor(math.log(max(outer / h, 1.0), _PANEL_RATIO))
+    rims += [math.atan(_PANEL_RATIO**k) for k in range(1, n_cuts + 1)]
     panels = np.unique(rims)
     panels = panels[(panels >= low) & (panels <= high)]
-    if sharp and len(panels) > 1:
+    if ends_sharply and len(panels) > 1:
         panels = np.unique(np.append(panels, _rim_crossings(sight, panels)))
     return panels
 
@@ -216,20 +255,24 @@ def _rim_crossings(sight: _Sight, panels: Floats) -> Floats:
     """Return the polar angles where the rims of disk and beam cross, by bisection [rad]."""
 
     def gaps(theta: Floats) -> Floats:
+        # (12, n), azimuth of a rim of the disk, +-Phi, less that of a rim of the beam, turn +- Psi;
+        # turn lies in -pi to pi, so that the same azimuth may be a turn before or behind
         disk, beam = sight.half_arcs(theta)
         turns = sight.turn + 2.0 * math.pi * np.arange(-1, 2)[:, None]
-        differences = [side * disk - other * beam - turns for side in (-1, 1) for other in (-1, 1)]
-        return np.concatenate(differences)
+        return np.concatenate([i * disk - j * beam - turns for i in (-1, 1) for j in (-1, 1)])
 
+    # cosine spacing, dense at the ends of panels: rims open there like a square root, where the
+    # circle of theta begins to touch disk or beam, and may cross at once
     share = 0.5 - 0.5 * np.cos(np.linspace(0.0, math.pi, _SCAN))
     grid = np.unique(panels[:-1, None] + np.diff(panels)[:, None] * share)
     signs = gaps(grid) > 0.0
-    rim, cell = np.nonzero(signs[:, 1:] != signs[:, :-1])
-    low, high, start = grid[cell], grid[cell + 1], signs[rim, cell]
-    pairs = np.arange(len(rim))
+    # crossings between neighbours of the grid: which of the 12 gaps changes its sign, and where
+    gap, cell = np.nonzero(signs[:, 1:] != signs[:, :-1])
+    low, high, sign_at_low = grid[cell], grid[cell + 1], signs[gap, cell]
+    crossing = np.arange(len(gap))
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        before = (gaps(middle)[rim, pairs] > 0.0) == start
+        before = (gaps(middle)[gap, crossing] > 0.0) == sign_at_low
         low, high = np.where(before, middle, low), np.where(before, high, middle)
     return 0.5 * (low + high)
 
@@ -237,17 +280,19 @@ def _rim_crossings(sight: _Sight, panels: Floats) -> Floats:
 def _arcs_inside(sight: _Sight, panels: Floats, n: int) -> _Arcs:
     """Return the arcs of directions inside all rims, at n Gauss nodes in each panel."""
     nodes, weights = gauss_legendre(n)
-    u = 0.5 * math.pi * (nodes + 1.0)
+    u = 0.5 * math.pi * (nodes + 1.0)  # from nodes in (-1, 1) to (0, pi), du = pi / 2 dnode
     low, high = panels[:-1, None], panels[1:, None]
-    # Arcs shrink like a square root where circles touch; theta = middle - half cos(u) smooths it.
+    # Arcs shrink like a square root where circles touch; theta = middle - half cos(u) smooths it,
+    # and dtheta = half sin(u) du.
     theta = (0.5 * (low + high) - 0.5 * (high - low) * np.cos(u)).ravel()
     weight = (0.25 * math.pi * (high - low) * np.sin(u) * weights).ravel()
     disk, beam = sight.half_arcs(theta)
-    # arcs of a circle may overlap at both of their ends: the same azimuth a turn before and behind
+    # -Phi to Phi and turn - Psi to turn + Psi, if both are wide, overlap in two parts of a circle;
+    # one of them is met a turn before or behind
     turns = sight.turn + 2.0 * math.pi * np.arange(-1, 2)[:, None]
     start, end = np.maximum(-disk, turns - beam), np.minimum(disk, turns + beam)
-    _, i = inside = np.nonzero(end > start)
-    return _Arcs(theta[i], weight[i], start[inside], end[inside])
+    _, i = overlaps = np.nonzero(end > start)
+    return _Arcs(theta[i], weight[i], start[overlaps], end[overlaps])
 
 
 def _shaded(
@@ -258,7 +303,9 @@ def _shaded(
     hiding: Sequence[Intersector],
 ) -> tuple[float, float]:
     """Return the light that passes solids, and its error: a sum over panels, halved adaptively."""
-    queue, n = list[tuple[float, float, float, tuple[float, float]]](), 0
+    # (-change, low, high, halves) of parts: sums over both halves of the polar angles low to high,
+    # and their change against the whole; minus, as a heap gives its least item: the largest change
+    queue, n_splits = list[tuple[float, float, float, tuple[float, float]]](), 0
 
     def sum_between(low: float, high: float) -> float:
         arcs = _arcs_inside(sight, np.array([low, high]), _SHADED_NODES)
@@ -280,10 +327,10 @@ def _shaded(
             math.fsum(sum(item[3]) for item in queue),
             -math.fsum(item[0] for item in queue),
         )
-        if change <= _SHADED_ENOUGH * gain or n == _MOST_SPLITS:
+        if change <= _SHADED_ENOUGH * gain or n_splits == _MOST_SPLITS:
             return gain, change
         _, low, high, halves = heapq.heappop(queue)
-        middle, n = 0.5 * (low + high), n + 1
+        middle, n_splits = 0.5 * (low + high), n_splits + 1
         push(low, middle, halves[0])
         push(middle, high, halves[1])
 
@@ -304,44 +351,48 @@ def _free_arcs(sight: _Sight, arcs: _Arcs, n: int, hiding: Sequence[Intersector]
     azimuth = np.linspace(arcs.low, arcs.high, n, axis=1)
     theta = np.broadcast_to(arcs.theta[:, None], azimuth.shape)
     free = is_free(theta.ravel(), azimuth.ravel()).reshape(azimuth.shape)
+    # edges of shadows: arc and number of the last ray before each
     row, k = np.nonzero(free[:, 1:] != free[:, :-1])
-    low, high, start = azimuth[row, k], azimuth[row, k + 1], free[row, k]
-    # rays of single precision do not tell more than 2^-24 of an arc apart
+    low, high, ends_free = azimuth[row, k], azimuth[row, k + 1], free[row, k]
+    # 25 halvings: rays of single precision do not tell more than 2^-24 of an arc apart
     for _ in range(_HALVINGS // 2 if len(row) else 0):
         middle = 0.5 * (low + high)
-        before = is_free(arcs.theta[row], middle) == start
+        before = is_free(arcs.theta[row], middle) == ends_free
         low, high = np.where(before, middle, low), np.where(before, high, middle)
     edge = 0.5 * (low + high)
-    # every free part runs from an end of its arc, or an edge, to the next
+    # Every free part runs from an end of its arc, or an edge, to the next. (arcs, rays): azimuths
+    # at which a part begins with a ray, or ends with it, nan at other rays. Begins and ends
+    # alternate along an arc, so that row by row the i-th of both belong to the same part.
     begins, ends = np.full((len(free), n), np.nan), np.full((len(free), n), np.nan)
     begins[free[:, 0], 0] = arcs.low[free[:, 0]]
     ends[free[:, -1], -1] = arcs.high[free[:, -1]]
-    begins[row[~start], k[~start] + 1] = edge[~start]
-    ends[row[start], k[start]] = edge[start]
+    begins[row[~ends_free], k[~ends_free] + 1] = edge[~ends_free]
+    ends[row[ends_free], k[ends_free]] = edge[ends_free]
     i, j = np.nonzero(~np.isnan(begins))
     return _Arcs(arcs.theta[i], arcs.weight[i], begins[i, j], ends[~np.isnan(ends)])
 
 
 def _sum_of(sight: _Sight, arcs: _Arcs, n: int, emitter: Emitter, water: Medium | None) -> float:
-    """Return the light of arcs, with n Gauss nodes along each."""
+    """Return int I exp(-tau) dOmega over arcs, with n Gauss nodes along each, for a power of 1."""
     nodes, weights = gauss_legendre(n)
     half = 0.5 * (arcs.high - arcs.low)
     theta, azimuth = arcs.theta[:, None], (arcs.low + half)[:, None] + half[:, None] * nodes
-    # haversine of the angle to the axis of the beam
+    # of the angle to the axis of the beam, by the law of haversines
     slant = np.sin(theta) * math.sin(sight.beta)
     haversine = np.sin(0.5 * (theta - sight.beta)) ** 2
     haversine = haversine + slant * np.sin(0.5 * (azimuth - sight.turn)) ** 2
     if emitter.kind == SourceKind.TABLE:
-        carried = _tabulated(sight, theta, azimuth, emitter)
+        intensity = _tabulated(sight, theta, azimuth, emitter)
     else:
-        carried = _intensity(emitter, haversine)
+        intensity = _intensity(emitter, haversine)
     if water is not None:
-        carried = carried * np.exp(-_optical_depth(sight, theta, azimuth, water))
-    return float((arcs.weight * np.sin(arcs.theta) * half) @ (carried @ weights))
+        intensity = intensity * np.exp(-_optical_depth(sight, theta, azimuth, water))
+    # dOmega = sin(theta) dtheta dazimuth, dazimuth = half dnode
+    return float((arcs.weight * np.sin(arcs.theta) * half) @ (intensity @ weights))
 
 
 def _tabulated(sight: _Sight, theta: Floats, azimuth: Floats, emitter: Emitter) -> Floats:
-    """Return the intensity [sr-1] of a measured lamp in directions of the axes of a sight."""
+    """Return the intensity [sr-1] of a measured lamp in directions (theta, azimuth)."""
     ways = np.stack([np.broadcast_to(np.cos(theta), azimuth.shape),
                      np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth)])  # fmt: skip
     directions = np.ascontiguousarray(ways.reshape(3, -1).T @ sight.axes)
@@ -352,6 +403,7 @@ def _tabulated(sight: _Sight, theta: Floats, azimuth: Floats, emitter: Emitter) 
 
 def _optical_depth(sight: _Sight, theta: Floats, azimuth: Floats, water: Medium) -> Floats:
     """Return the optical depth of straight ways to the plane of the aperture."""
+    # neither layers nor bubbles: (a + b) times the length of the way
     if not water.layered and water.depth_mode == DepthMode.NONE:
         return np.asarray((water.a + water.b) * sight.height / np.cos(theta))
     ends = sight.points(theta, azimuth).reshape(-1, 3)
@@ -366,21 +418,24 @@ def _intensity(emitter: Emitter, haversine: Floats) -> Floats:
     As `kernels.sources.intensity`, which takes the cosine: it has no digits left in a narrow beam.
     """
     if emitter.kind == SourceKind.LED:
+        # cos^m by cos = 1 - 2 hav; beyond a right angle, hav > 1 / 2, log(0) = -inf gives 0
         with np.errstate(divide="ignore", invalid="ignore"):
             log_cosine = np.log1p(-2.0 * np.minimum(haversine, 0.5))
             return np.asarray(emitter.norm * np.exp(emitter.spread * log_cosine))
     if emitter.kind == SourceKind.GAUSSIAN_BEAM:
         angle = 2.0 * np.arcsin(np.sqrt(np.clip(haversine, 0.0, 1.0)))
-        # a Gaussian over the plane of polar coordinates (angle, azimuth), dA / dOmega
-        shape = 1.0 / np.sinc(angle / math.pi)
-        return np.asarray(emitter.norm * shape * np.exp(-2.0 * (angle / emitter.spread) ** 2))
+        # A Gaussian, 1 / e^2 at `spread`, over a plane with polar coordinates (angle, azimuth):
+        # dA / dOmega = angle / sin(angle); numpy's sinc(x) is sin(pi x) / (pi x).
+        area_ratio = 1.0 / np.sinc(angle / math.pi)
+        return np.asarray(emitter.norm * area_ratio * np.exp(-2.0 * (angle / emitter.spread) ** 2))
     return np.full(haversine.shape, emitter.norm)
 
 
 def _meets_bounds(sight: _Sight, target: Target, bounds: Floats) -> bool:
     """Return whether straight light may pass through the box about a mesh."""
     center, axis = np.array(target.center), np.array(target.axis)
-    # extent of a disk along each coordinate
+    # box about the cone from the lamp to the disk; along each coordinate e a disk with the normal n
+    # reaches radius sqrt(1 - (n . e)^2) from its centre
     reach = target.radius * np.sqrt(np.clip(1.0 - axis * axis, 0.0, 1.0))
     low, high = np.minimum(sight.start, center - reach), np.maximum(sight.start, center + reach)
     return bool(np.all((low <= bounds[1]) & (high >= bounds[0])))

@@ -1,17 +1,24 @@
 """Joined photons and receivers in the water: light that goes on straight to them.
 
-A collision, or a point of the bottom or of a Lambertian body, at p lights a point x of the aperture
-by
+To join a photon is to score, at each event, the light that the event sends to a receiver, instead
+of waiting for a hit. A collision, or a reflection by the bottom or a Lambertian body, at p scores
+at a point x, drawn evenly over the aperture,
 
     W f(w) exp(-tau) cos(theta) / r^2 |A|,
 
-W the weight of the photon, f the phase function, or Lambert's law, in the direction w to x, r and
-tau distance and optical depth, theta the angle to the normal of the aperture. Close to the lens
-1 / r^2 has no bound, and the variance of this next-event estimation no limit. The direction that
-the photon takes next, and those of its guided copies, may hit the lens as well: they are drawn with
-the density `drawn`, connections with that of a point of the aperture, r^2 / (|A| cos(theta)). With
-the balance heuristic [1]_ both ways score W f exp(-tau) over the sum of the two densities, which
-f <= `drawn` bounds by W.
+W the weight of the photon, f [sr-1] the phase function, or Lambert's law, in the direction w to x,
+r [m] and tau distance and optical depth, theta the angle between w and the axis of the aperture,
+|A| [m2] its area. Close to the lens 1 / r^2 has no bound, and the variance of this next-event
+estimation no limit. The direction that the photon takes next may hit the lens as well, and so may
+those of its guided copies, which wait on a stack and leave the event about the ways to receivers
+(`targets.Law`). Both ways to the lens have an expected number per solid angle [sr-1]:
+
+- `drawn`, of directions of the photon and its guided copies, f for the photon alone;
+- `joined`, of connections, r^2 / (|A| cos(theta)) times `q.chance`, the probability that the event
+  is joined at all, which falls with its depth (`targets.collision_chance`).
+
+With the balance heuristic [1]_ both score W f exp(-tau) / (drawn + joined), at most W as
+f <= drawn. Once turned, a photon carries W f / drawn as `q.weight` and drawn as `q.density`.
 
 Light that the surface mirrors on its way from the last event to the receiver is joined as light
 that it refracts, see `photons.next_event`, with `Scene.reflects`. Without random slopes the
@@ -42,7 +49,9 @@ from meshtrace.kernels.tally import keep_arrival
 from meshtrace.kernels.tints import tint_way
 from meshtrace.kernels.vectors import ORIGIN, UP, Vec2, along, dot, minus, norm, scaled
 
-_HAIR = 1e-4  # by which a path is shortened at its ends, over 1 m + its length: Embree is float32
+# By which a path is shortened at its ends, over 1 m + its length: Embree is float32, and neither
+# the facet that the path leaves nor one that touches the aperture shall cut it.
+_HAIR = 1e-4
 
 
 @inlined
@@ -50,7 +59,7 @@ def _is_unobstructed(p, d, length, world):
     """Return whether neither waves nor bodies cut off a straight path in the water."""
     if is_hidden(p, d, length, world.bodies):
         return False
-    # paths below the lowest trough, most of them, meet no wave
+    # paths below the lowest trough, `low` (x, y, z) of the mesh, most of them, meet no wave
     if max(p.z, p.z + length * d.z) < world.surface.low[2]:
         return True
     hair = _HAIR * (1.0 + length)
@@ -58,13 +67,14 @@ def _is_unobstructed(p, d, length, world):
     facet = first_facet(world.bvh, start, d)
     if facet < 0:
         return True
-    # a triangle that the ray meets: its plane gives the distance in double precision
+    # The ray has no end, and may meet the facet beyond the path: the plane of the facet gives the
+    # distance in double precision.
     return interface.plane_distance(p, d, facet, world.surface) > length - hair
 
 
 @inlined
 def _point_density(r, facing, target, chance):
-    """Return the density of directions [sr-1] of connections to points of an aperture."""
+    """Return `joined` [sr-1] of a point of an aperture at r [m]; `facing` is cos(theta)."""
     return chance * r * r / (target.area * facing)
 
 
@@ -74,10 +84,12 @@ def _mirror_density(p, q, scene):
 
     Array twin: `next_event._join_at`.
     """
-    start = targets.vector_of(q.event_at)
+    start = targets.vector_of(q.event_at)  # the last event: q has moved on to the mirror at p
+    # no scattering in between: last vertex at the start, direction UP until it is turned to p,
+    # branch +1 ahead; a smooth facet has no tilt, and the Jacobian does not depend on the goal
     shot = crossing.Shot(start, ORIGIN, UP, Vec2(0.0, 0.0), 1.0, Vec2(0.0, 0.0))
     per_area = crossing.solid_angle_per_area(crossing.jacobian(p.x, p.y, q.facet, shot, scene))
-    # on a caustic the crossing has no density of directions: the hit has all the light
+    # on a caustic |dx/dw| = 0, and so is the density of connections: the hit has all the light
     return q.chance / (scene.target.area * per_area) if per_area > 0.0 else 0.0
 
 
@@ -85,8 +97,10 @@ def _mirror_density(p, q, scene):
 def _score(q, i, weight, theta, p, way, cosine, world):
     """Score light of a photon that reaches target i straight from p, by `way` [m].
 
-    `theta` is the angle of a scattering at p [rad], < 0 without one, or one already counted.
+    `theta` is the angle of a scattering at p [rad], < 0 without one, or where the photon has turned
+    already: `q.tint`, sums that give the weight at other wavelengths, has counted the angle then.
     """
+    # `share`: constant factor on all scores of a target, set by `photons.joined`
     n = keep_arrival(world, q.id, i, weight * world.joins.target[i].share, world.tints, q.tint)
     if n >= 0:  # there is room for it
         a, r = world.arrivals[n], norm(way)
@@ -94,6 +108,7 @@ def _score(q, i, weight, theta, p, way, cosine, world):
         a.part = q.turned_by
         tint_way(world.tints, a.tint, p.z, p.z + way.z, r)
         if theta >= 0.0:
+            # the fourth uniform, of which the connection itself uses three
             _, _, _, u = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
             targets.tint_mixed(a.tint, theta, u, p, world)
 
@@ -104,9 +119,12 @@ def join_straight(q, i, world, same_side):
 
     Array twin: `join_hits` of the photon that goes on.
     """
-    if not targets.is_mirrored(same_side):  # an argument: not compiled for links that change sides
+    # Receivers in the air are met through the surface alone. `same_side` is an argument, None for
+    # links that change sides: numba then leaves out the rest by its type.
+    if not targets.is_mirrored(same_side):
         return
     start, target = place(q), targets.scene_to(world.joins.target[i], world).target
+    # q.u, q.v: uniforms drawn at the start, the same point of an aperture for all events of q
     way = minus(targets.point_of(targets.goal_on(target, q.u, q.v), target), start)
     r = norm(way)
     if r == 0.0:
@@ -117,10 +135,10 @@ def join_straight(q, i, world, same_side):
         return
     phase, theta = targets.after_event(w, q, world)
     drawn = targets.drawn_after(w, phase, q, world)
-    here = _point_density(r, facing, target, q.chance)
+    joined = _point_density(r, facing, target, q.chance)
     weight = q.weight * phase * math.exp(-depth_between(world.medium, start, along(start, w, r), r))
     if weight > 0.0:
-        _score(q, i, weight / (here + drawn), theta, start, way, facing, world)
+        _score(q, i, weight / (joined + drawn), theta, start, way, facing, world)
 
 
 @outlined
@@ -129,9 +147,12 @@ def join_hits(q, world, same_side):
 
     Array twin: `join_straight`.
     """
-    if not targets.is_mirrored(same_side):  # an argument: not compiled for links that change sides
+    # Receivers in the air are met through the surface alone. `same_side` is an argument, None for
+    # links that change sides: numba then leaves out the rest by its type.
+    if not targets.is_mirrored(same_side):
         return
-    # unscattered light is a closed form
+    # Unscattered light is integrated elsewhere (`engine.straight`). Density 0: the event was not
+    # joined, or a rough or a second mirror has turned its light, see `joined_walk._note_mirror`.
     if q.order == 0 or q.density == 0.0:
         return
     start, d = place(q), heading(q)
@@ -139,24 +160,25 @@ def join_hits(q, world, same_side):
         scene = targets.scene_to(world.joins.target[i], world)
         target = scene.target
         facing = dot(d, target.axis)
+        # along the plane of the aperture: 1e-9 keeps r finite, as in `crossing.land_from`
         if facing <= 1e-9 or facing < target.cos_half_fov:
             continue
-        off = minus(target.center, start)
-        r = dot(off, target.axis) / facing
+        to_center = minus(target.center, start)
+        r = dot(to_center, target.axis) / facing
         if r <= 0.0:
             continue
-        miss = minus(scaled(r, d), off)
-        if dot(miss, miss) > target.radius * target.radius:
+        from_center = minus(scaled(r, d), to_center)
+        if dot(from_center, from_center) > target.radius * target.radius:
             continue
         if not _is_unobstructed(start, d, r, world):
             continue
         weight = q.weight
         if q.density > 0.0:  # else a mirror body has turned it, and no connection brings its light
-            # q.weight is already over `density`
-            here = _point_density(r, facing, target, q.chance)
-            if q.facet >= 0:
-                here = _mirror_density(start, q, scene)
-            weight = q.weight * q.density / (q.density + here)
+            # q.weight = W f / drawn by now: times drawn / (drawn + joined)
+            joined = _point_density(r, facing, target, q.chance)
+            if q.facet >= 0:  # mirrored since its event: the rival connection is by that facet
+                joined = _mirror_density(start, q, scene)
+            weight = q.weight * q.density / (q.density + joined)
         weight *= math.exp(-depth_between(world.medium, start, along(start, d, r), r))
         if weight > 0.0:
             _score(q, i, weight, -1.0, start, scaled(r, d), facing, world)
