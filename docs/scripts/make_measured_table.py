@@ -114,7 +114,8 @@ def draw_lying(ax, rows, label) -> None:
     y = np.arange(len(low))[::-1].astype(float)
     ax.barh(y, high - low, left=low, height=0.36, color=COLORS[0], alpha=0.25, label="band")
     ax.plot(rows.computed, y, "|", ms=12, mew=2, color=COLORS[0], label="computed")
-    every = np.concatenate([low, high, left, right[np.isfinite(right)]])
+    every = np.concatenate([low, high, left, right])
+    every = every[np.isfinite(every)]  # limits that are open, and predictions without a measurement
     if low.min() > 0.0 and every.max() > 20.0 * every.min() > 0.0:
         ax.set(xscale="log", xlim=(every.min() / 1.2, every.max() * 1.2))
         ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -123,7 +124,9 @@ def draw_lying(ax, rows, label) -> None:
     else:
         margin = 0.08 * np.ptp(every)
         ax.set_xlim(every.min() - margin, every.max() + margin)
-    for a, b, value, at in zip(left, right, rows.observed.to_numpy(), y - 0.32, strict=True):
+    measured = np.isfinite(left)
+    lines = left, right, rows.observed.to_numpy(), y - 0.32
+    for a, b, value, at in zip(*(line[measured] for line in lines), strict=True):
         ends = "|>" if math.isinf(b) else "||"
         stop = ax.get_xlim()[1] * 0.98 if math.isinf(b) else b
         ax.plot([a, stop], [at, at], color="black", lw=1.2)
