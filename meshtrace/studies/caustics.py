@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -105,8 +105,9 @@ def light_pattern(
     # points of a choppy sea are off their labels
     off = _SLOPES * sizes.height if getattr(sea, "choppy", False) else 0.0
     labels = _labels(link, step * (n + margin), spacing, sizes.slope, off)
+    below = optical_depth(link, -source.center[2])
     for points, normals in _strips(sea.sheet(*labels, time), labels, step / _RAYS):
-        place, flux = _landed(link, source, receiver, points, normals)
+        place, flux = _landed(link, below, points, normals)
         _share_out(energy, (place - center) / step + (n + margin), flux)
     gain = math.pi * receiver.radius**2 / step**2 * _blurred(energy, blur, wind)
     gain = np.maximum(gain[margin : margin + 2 * n, margin : margin + 2 * n], 0.0)
@@ -208,9 +209,14 @@ def _strips(
 
 
 def _landed(
-    link: Link, source: Any, receiver: Receiver, points: Floats, normals: Floats
+    link: Link, below: Callable[[Floats], Floats], points: Floats, normals: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the places (m, 2) of the cells' light on the plane, and its flux (m,)."""
+    """Return the places (m, 2) of the cells' light on the plane, and its flux (m,).
+
+    `below` gives the vertical optical depth from heights z down to the source.
+    """
+    source: Any = link.transmitter
+    receiver = link.only_receiver
 
     def middle(a: Floats) -> Floats:
         return 0.25 * (a[:-1, :-1] + a[1:, :-1] + a[:-1, 1:] + a[1:, 1:])
@@ -227,9 +233,9 @@ def _landed(
     n_water, n_air = link.water.n, link.n_air
     flux = _intensity(source, ray) * (ray * area).sum(axis=-1) / way**2
     # what is scattered once is not in the pattern; rays are straight through level layers
-    depth = -source.center[2]
-    slant = way / np.maximum(at[..., 2] + depth, 1e-9)
-    flux *= np.exp(-optical_depth(link, depth)(at[..., 2]) * slant)
+    # (1e-9 m: a wave may reach down to a shallow source)
+    slant = way / np.maximum(at[..., 2] - source.center[2], 1e-9)
+    flux *= np.exp(-below(at[..., 2]) * slant)
     flux *= 1.0 - fresnel_reflectance(cos_i, n_water, n_air)
     flux *= link.whitecaps.transmittance if link.whitecaps else 1.0
     out = refract(ray, normal, n_water, n_air)

@@ -20,7 +20,7 @@ from meshtrace.errors import Refused
 from meshtrace.fading import Estimate, fading_statistics
 from meshtrace.results import GainResult, ImpulseResponse
 from meshtrace.results.gain import FateTally
-from meshtrace.studies import ConvergenceStudy
+from meshtrace.studies import Comparison, ConvergenceStudy
 from meshtrace.surfaces import JonswapSea
 
 
@@ -341,6 +341,13 @@ def test_comparison():
     assert [text.get_text() for text in ax.get_yticklabels()] == ["a", "b"]
     ratio, error = found.ratio_db[1], found.ratio_db_stderr[1]
     assert f"{ratio:+.3g} ± {2.0 * error:.1g} dB" in [text.get_text() for text in ax.texts]
+
+
+def test_a_dark_link_of_a_comparison_is_named():
+    samples = np.array([[1e-5, 1.1e-5], [0.0, 0.0]])
+    ax = viz.plot(Comparison.of_samples(("a", "dark"), samples, [{}, {}]))
+    (text,) = (text for text in ax.texts if text.get_text() == "no light")
+    assert text.xy == (0.0, 1)
 
 
 def test_convergence_shows_the_errors_and_the_law_of_a_study():
