@@ -221,8 +221,9 @@ def intensity_capacity(
     A matrix of one column, or several equal up to a factor, is a single channel with the peak
     A = |sum of the columns| over noise 1: projecting on the column (maximal ratio) loses no
     information, and lamps that repeat each other reach every sum from 0 to A with the same mean.
-    Its capacity lies between (Lapidoth, Moser and Wigger 2009, in the entropy of the input and its
-    largest variance)
+    Its capacity lies between the rate of the input of largest entropy, by the entropy power
+    inequality, and that of Gaussian signals of the largest variance, two of the bounds that
+    Lapidoth, Moser and Wigger (2009) compare,
 
     .. math:: \tfrac12 \log_2\left(1 + \frac{A^2 e^{2 h(\alpha)}}{2 \pi e}\right) \le C \le
         \tfrac12 \log_2(1 + v(\alpha) A^2),
@@ -232,8 +233,8 @@ def intensity_capacity(
     From 1/2 on v = 1/4 and h = 0, that of a uniform law.
 
     Of a matrix of any rank the lower bound is the larger one of two: lamps that repeat each other,
-    and, of full column rank, independent lamps by the entropy power inequality for vectors
-    (Chaaban, Rezki and Alouini 2018),
+    and, of full column rank, independent lamps by the entropy power inequality for vectors (other
+    schemes: Chaaban, Rezki and Alouini 2017),
 
     .. math:: C \ge \frac{n}{2} \log_2\left(1 + \frac{e^{2 h}}{2 \pi e} \det(H^T H)^{1/n}\right).
 
@@ -245,10 +246,10 @@ def intensity_capacity(
 
     References
     ----------
-    Lapidoth, Moser and Wigger (2009), IEEE Trans. Inf. Theory 55, 4449,
-    doi:10.1109/TIT.2009.2027522.
-    Chaaban, Rezki and Alouini (2018), IEEE Trans. Wireless Commun. 17, 3003,
-    doi:10.1109/TWC.2018.2805721.
+    A. Lapidoth, S. M. Moser and M. A. Wigger, "On the capacity of free-space optical intensity
+    channels", IEEE Trans. Inf. Theory 55, 4449 (2009).
+    A. Chaaban, Z. Rezki and M.-S. Alouini, "MIMO intensity-modulation channels: capacity bounds
+    and high SNR characterization", IEEE International Conference on Communications (2017).
 
     Examples
     --------
