@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -26,23 +26,6 @@ TAIL_OMEGA_MAX = 24.0
 """Highest frequency of a tail [rad s-1]: shorter waves blur light and add no fading."""
 
 _TAIL_PER_OCTAVE = 16
-
-
-class _Table(NamedTuple):
-    """Variance [m2] over frequency [Hz] and direction of travel [rad from +x]."""
-
-    freq: Floats
-    theta: Floats
-    variance: Floats
-
-    def sea(self, **options: Any) -> MeasuredSea:
-        """Return a sea with these waves."""
-        return MeasuredSea(
-            omega=tuple(2.0 * np.pi * self.freq),
-            theta=tuple(self.theta),
-            variance=tuple(map(tuple, self.variance)),
-            **options,
-        )
 
 
 @check_call
@@ -144,13 +127,17 @@ def from_wavespectra(
         raise Refused("tail", tail, "elfouhaily")
     if tail is not None and wind_speed is None:
         raise Refused("wind_speed", None, "a wind speed [m/s] for the tail")
-    table, record = _read(source, reader, time, site, x_axis_deg)
-    wind_direction = math.degrees(_mean_direction(table))
+    (freq, direction, density), record = read_spectrum(source, reader, time, site)
+    theta = np.radians(180.0 + x_axis_deg - direction)
+    # widths as wavespectra counts them, so that Hs agrees with its `hs()`
+    variance = density * np.gradient(freq)[:, None] * (360.0 / len(direction))
+    wind_direction = math.degrees(_mean_direction(theta, variance))
     if tail is not None and wind_speed is not None:
-        table = _with_tail(table, wind_speed)
-    elif mss is None:
-        _warn_of_missing_slopes(table, wind_speed, depth)
-    return table.sea(
+        freq, variance = _with_tail(freq, theta, variance, wind_speed)
+    sea = MeasuredSea(
+        omega=tuple(2.0 * np.pi * freq),
+        theta=tuple(theta),
+        variance=tuple(map(tuple, variance)),
         seed=seed,
         depth=depth,
         current=current,
@@ -160,59 +147,53 @@ def from_wavespectra(
         wind_direction_deg=0.0 if wind_speed is None else wind_direction,
         record=record,
     )
+    if tail is None and mss is None:
+        _warn_of_missing_slopes(sea)
+    return sea
 
 
-def _read(
-    source: Any, reader: str | None, time: Any, site: Any, x_axis_deg: float
-) -> tuple[_Table, str | None]:
-    """Return the table of a spectrum, and the label of its record."""
-    (freq, direction, density), record = read_spectrum(source, reader, time, site)
-    width = 360.0 / len(direction)
-    theta = np.radians(180.0 + x_axis_deg - direction)
-    # widths as wavespectra counts them, so that Hs agrees with its `hs()`
-    return _Table(freq, theta, density * np.gradient(freq)[:, None] * width), record
-
-
-def _mean_direction(table: _Table) -> float:
+def _mean_direction(theta: Floats, variance: Floats) -> float:
     """Return the mean direction of the last frequency with waves [rad]."""
     # the shortest waves follow the wind
-    row = table.variance[np.flatnonzero(table.variance.sum(axis=1))[-1:]].sum(axis=0)
-    return float(np.arctan2(row @ np.sin(table.theta), row @ np.cos(table.theta)))
+    row = variance[np.flatnonzero(variance.sum(axis=1))[-1:]].sum(axis=0)
+    return float(np.arctan2(row @ np.sin(theta), row @ np.cos(theta)))
 
 
-def _with_tail(table: _Table, wind_speed: float) -> _Table:
-    """Return the table continued with the spectrum of Elfouhaily et al."""
+def _with_tail(
+    freq: Floats, theta: Floats, variance: Floats, wind_speed: float
+) -> tuple[Floats, Floats]:
+    """Continue frequencies and variances (freq, theta) with the spectrum of Elfouhaily et al."""
     spectrum = Elfouhaily(wind_speed=wind_speed)
-    omega = 2.0 * np.pi * table.freq
+    omega = 2.0 * np.pi * freq
     width = np.gradient(omega)[-1]
     # the last bin of the table reaches half a width beyond its frequency
     start = omega[-1] + 0.5 * width
     if start >= TAIL_OMEGA_MAX:
-        return table
+        return freq, variance
     bins = math.ceil(_TAIL_PER_OCTAVE * math.log2(TAIL_OMEGA_MAX / start))
     edges = np.geomspace(start, TAIL_OMEGA_MAX, bins + 1)
     centers = np.sqrt(edges[1:] * edges[:-1])
-    ratio = float(table.variance[-1].sum() / width / spectrum(omega[-1]))
+    ratio = float(variance[-1].sum() / width / spectrum(omega[-1]))
     octaves = np.clip(np.log2(centers / omega[-1]), 0.0, 1.0)
     density = spectrum(centers) * (ratio + (1.0 - ratio) * octaves)
     # the spreading takes angles from -pi to pi off the mean direction
-    turned = np.remainder(table.theta - _mean_direction(table) + np.pi, 2.0 * np.pi) - np.pi
+    turned = np.remainder(theta - _mean_direction(theta, variance) + np.pi, 2.0 * np.pi) - np.pi
     spread = ElfouhailySpreading().density(
         centers[:, None], turned, omega_p=spectrum.omega_p, wind_speed=spectrum.wind_speed
     )
     shares = spread / spread.sum(axis=1, keepdims=True)
     energy = (density * np.diff(edges))[:, None] * shares
-    freq = np.concatenate([table.freq, centers / (2.0 * np.pi)])
-    return _Table(freq, table.theta, np.concatenate([table.variance, energy]))
+    continued = np.concatenate([freq, centers / (2.0 * np.pi)])
+    return continued, np.concatenate([variance, energy])
 
 
-def _warn_of_missing_slopes(table: _Table, wind_speed: float | None, depth: float | None) -> None:
-    end = f"the spectrum ends at {table.freq[-1]:.3g} Hz"
+def _warn_of_missing_slopes(sea: MeasuredSea) -> None:
+    end = f"the spectrum ends at {sea.omega[-1] / (2.0 * math.pi):.3g} Hz"
     advice = 'give wind_speed with tail="elfouhaily" or with mss="cox-munk"'
-    if wind_speed is None:
+    if sea.wind_speed is None:
         text = f"source: {end}, without any shorter waves: {advice}"
     else:
-        resolved = sum(components_slope_variance(table.sea(depth=depth).components))
-        missing = 100.0 * max(0.0, 1.0 - resolved / sum(cox_munk(wind_speed)))
+        resolved = sum(components_slope_variance(sea.components))
+        missing = 100.0 * max(0.0, 1.0 - resolved / sum(cox_munk(sea.wind_speed)))
         text = f"source: {end}, beyond which {missing:.0f} % of the slope variance lies: {advice}"
     warnings.warn(text, DomainWarning, stacklevel=3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cache, lru_cache, partial
-from typing import Annotated, Literal, NamedTuple, Self, get_args
+from typing import Annotated, Literal, Self, get_args
 
 import numpy as np
 from numpy.polynomial.hermite_e import herme2poly
@@ -176,24 +176,20 @@ class GramCharlier(Model, frozen=True):
         return _series(self.c21, self.c03, self.c40, self.c22, self.c04)
 
 
-class _Quadrature(NamedTuple):
-    """Points of half the plane of slopes, symmetric about the wind."""
-
-    along: Floats
-    across: Floats
-    weight: Floats  # of the Gaussian density
-    polynomials: Floats  # (9, n), orthonormal under it
-
-
 @cache
-def _quadrature() -> _Quadrature:
+def _quadrature() -> tuple[Floats, Floats, Floats]:
+    """Return a quadrature over half the plane of slopes, which is symmetric about the wind.
+
+    Squares of the slopes (n,), weights of the Gaussian density (n,), and the polynomials (9, n)
+    that are orthonormal under it.
+    """
     lines = np.arange(-_REACH, _REACH + 0.5 * _STEP, _STEP)
     a, c = (v.ravel() for v in np.meshgrid(lines, lines[len(lines) // 2 :], indexing="ij"))
     # all densities are even across the wind: a point off the axis stands for two
     twice = np.where(c < 0.5 * _STEP, 1.0, 2.0)
     weight = twice * _STEP**2 / (2.0 * math.pi) * np.exp(-0.5 * (a * a + c * c))
     powers = np.stack([a**i * c**j for i, j in _POWERS])
-    return _Quadrature(a, c, weight, _hermite() @ powers)
+    return a**2 + c**2, weight, _hermite() @ powers
 
 
 def _hermite() -> Floats:
@@ -218,18 +214,17 @@ def _series(c21: float, c03: float, c40: float, c22: float, c04: float) -> Serie
     distance = float(wanted @ wanted) - 1.0
     if not distance <= _FARTHEST:
         raise _refused(f"slopes at a distance of {distance:.2g} from Gaussian ones")
-    q, moments = _quadrature(), wanted
+    (square, weight, polynomials), moments = _quadrature(), wanted
     for _ in range(_TRIALS):
-        density = np.maximum(moments @ q.polynomials, 0.0)
-        error = q.polynomials @ (q.weight * density) - wanted
+        density = np.maximum(moments @ polynomials, 0.0)
+        error = polynomials @ (weight * density) - wanted
         if np.abs(error).max() < _ACCURACY:
             break
         # derivative of the moments by the coefficients; where P is negative the density stays 0
-        slope = (q.polynomials * (q.weight * (density > 0.0))) @ q.polynomials.T
+        slope = (polynomials * (weight * (density > 0.0))) @ polynomials.T
         moments = moments - np.linalg.lstsq(slope, error)[0]
     else:
         raise _refused("moments that no density has")
-    square = q.along**2 + q.across**2
     # bound of the density over the wider Gaussian that
     # proposes slopes, see `kernels.interface.WIDE`
     most = float((density * np.exp(-0.5 * square * (1.0 - 1.0 / WIDE))).max())

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -49,14 +49,6 @@ _ELEVATION = Column(
 _DIRECTIONS = 72
 _FEWEST = 16  # samples of a segment
 _DEEP = 1e4  # m; deep water for diwasp, which has no such option
-
-
-class _Record(NamedTuple):
-    """Elevations [m], one column for each gauge, at equal steps [s]."""
-
-    name: str
-    elevation: Floats
-    step: float
 
 
 @check_call
@@ -142,24 +134,24 @@ def gauge_spectrum(
     import xarray as xr
     from scipy import signal, stats
 
-    record = _read_gauges(source, unit)
-    n, gauges = record.elevation.shape
+    name, elevation, step = _read_gauges(source, unit)
+    n, gauges = elevation.shape
     require_whole(segments, 2, max(2, n // _FEWEST), "segments")
     if depth is not None:
         DEPTH.check(depth)
     length = n // segments
     freq, each = signal.welch(
-        signal.detrend(record.elevation, axis=0), 1.0 / record.step, nperseg=length,
+        signal.detrend(elevation, axis=0), 1.0 / step, nperseg=length,
         noverlap=length // 2, detrend="linear", axis=0,
     )  # fmt: skip
-    inside = _band(record, freq, each.mean(axis=1), f_min, f_max)
+    inside = _band(step, freq, each.mean(axis=1), f_min, f_max)
     freq, spectrum = freq[inside], each.mean(axis=1)[inside]
     peak = float(freq[np.argmax(spectrum)])
     theta = np.radians(np.arange(_DIRECTIONS) * 360.0 / _DIRECTIONS)
     if gauges == 1:
         shares = _stated(spreading, freq, theta - math.radians(direction_deg), peak, wind_speed)
     else:
-        shares = _of_array(record, positions, length, freq, theta, depth)
+        shares = _of_array(elevation, step, positions, length, freq, theta, depth)
     count = (n - length // 2) // (length - length // 2)
     # Welch (1967): segments that overlap by half are not independent
     freedom = 2.0 * count / (1.0 + (count - 1.0) / (18.0 * count))
@@ -175,7 +167,7 @@ def gauge_spectrum(
         # +x is the east, and directions are those the waves come from
         coords={"freq": freq, "dir": np.mod(270.0 - np.degrees(theta), 360.0)},
         attrs={
-            "record": f"{record.name}, {n * record.step:g} s of {gauges} gauge{'s' * (gauges > 1)}",
+            "record": f"{name}, {n * step:g} s of {gauges} gauge{'s' * (gauges > 1)}",
             "degrees_of_freedom": freedom,
             "hs": 4.0 * math.sqrt(variance),
             "tp": 1.0 / peak,
@@ -249,7 +241,8 @@ def from_gauge(
     return sea.model_copy(update={"record": spectrum.attrs["record"]})
 
 
-def _read_gauges(source: Any, unit: str | None) -> _Record:
+def _read_gauges(source: Any, unit: str | None) -> tuple[str, Floats, float]:
+    """Return the name of a record, its elevations (n, gauges) [m] and their time step [s]."""
     if unit is not None and not is_convertible(unit, "m"):
         raise Refused("unit", Described(str(unit)), _LENGTHS)
     name = Path(source).name if isinstance(source, str | PathLike) else "source"
@@ -277,7 +270,7 @@ def _read_gauges(source: Any, unit: str | None) -> _Record:
     if not headings and (np.diff(elevation, axis=0) > 0.0).all(axis=0).any():
         raise Refused(name, Described("a gauge that rises in all rows"), "headings of the columns")
     cells.tell()
-    return _Record(name, elevation, _step(name, time))
+    return name, elevation, _step(name, time)
 
 
 def _columns_of_gauges(name: str, headings: Sequence[Heading], width: int) -> tuple[int, list[int]]:
@@ -342,10 +335,10 @@ def _step(name: str, time: Floats) -> float:
 
 
 def _band(
-    record: _Record, freq: Floats, spectrum: Floats, f_min: float | None, f_max: float | None
+    step: float, freq: Floats, spectrum: Floats, f_min: float | None, f_max: float | None
 ) -> Any:
     """Return the mask of frequencies within the band of the sea."""
-    nyquist = 0.5 / record.step
+    nyquist = 0.5 / step
     low = require_between(2.0 * freq[1] if f_min is None else f_min, 0.0, nyquist, "f_min")
     above = np.flatnonzero(freq >= low * (1.0 - 1e-9))
     peak = float(freq[above[np.argmax(spectrum[above])]])
@@ -382,10 +375,11 @@ def _stated(
 
 
 def _of_array(
-    record: _Record, positions: Any, length: int, freq: Floats, theta: Floats, depth: float | None
-) -> Floats:
+    elevation: Floats, step: float, positions: Any, length: int,
+    freq: Floats, theta: Floats, depth: float | None,
+) -> Floats:  # fmt: skip
     """Return the energy fractions by direction at each frequency, from an array of gauges."""
-    n = record.elevation.shape[1]
+    n = elevation.shape[1]
     allowed = f"{n} pairs (x, y) [m], one for each gauge, three or more not on a line"
     at = require_array(() if positions is None else positions, "positions", allowed)
     # gauges on a line do not tell its two sides apart
@@ -402,11 +396,11 @@ def _of_array(
         raise Refused("positions", reason, "less than half of the longest wave")
     deep = _DEEP if depth is None else depth
     instrument = InstrumentData(
-        data=record.elevation,
+        data=elevation,
         layout=np.vstack([at.T, np.full(n, deep)]),
         datatypes=[SensorType.ELEV] * n,
         depth=deep,
-        fs=1.0 / record.step,
+        fs=1.0 / step,
     )
     method = EstimationParameters(EstimationMethod.IMLM, nfft=length, dres=len(theta), smooth=False)
     with np.errstate(over="ignore"):

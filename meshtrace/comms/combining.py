@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -187,18 +187,11 @@ def equivalent_gain(
     return equivalent.reshape(g.shape[:-1])
 
 
-class Bounds(NamedTuple):
-    """Lower and upper bound of a capacity [bit per use]."""
-
-    low: float
-    high: float
-
-
 @check_call
 def intensity_capacity(
     peak: ArrayLike,
     mean_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5,
-) -> Bounds:
+) -> tuple[float, float]:
     r"""Return bounds of the capacity of an intensity channel with Gaussian noise.
 
     .. math:: Y = H x + Z, \quad 0 \le x_k \le 1, \quad E x_k \le \alpha, \quad Z \sim N(0, I)
@@ -213,8 +206,8 @@ def intensity_capacity(
 
     Returns
     -------
-    Bounds
-        [bit per use]
+    low, high : float
+        Lower and upper bound [bit per use].
 
     Notes
     -----
@@ -273,7 +266,7 @@ def intensity_capacity(
     if rank == n:
         sign, log_det = np.linalg.slogdet(gram)
         low = max(low, bits(n, scale * math.exp(log_det / n))) if sign > 0.0 else low
-    return Bounds(low, bits(rank, variance * float(gram.sum()) / rank))
+    return low, bits(rank, variance * float(gram.sum()) / rank)
 
 
 def _input_law(share: float) -> tuple[float, float]:

@@ -324,7 +324,7 @@ class OokLink(Model, frozen=True):
     @property
     def filter_share(self) -> float:
         """Share of the signal that passes the filter [1], see `spectra.signal_passed`."""
-        return signal_passed(self).share if self.spectral else self.optics.peak_transmission
+        return signal_passed(self)[0] if self.spectral else self.optics.peak_transmission
 
     def count_rate(self, power: ArrayLike) -> Floats:
         """Return the primary counts of the signal per second, before saturation [s-1].
@@ -336,9 +336,9 @@ class OokLink(Model, frozen=True):
         """
         if not self.spectral:
             return self.sipm.count_rate(power, self.led.wavelength)
-        passed = signal_passed(self)
+        share, counted = signal_passed(self)
         # `power` is already behind the filter, so that its share must not count twice
-        efficiency = passed.counted / passed.share if passed.share > 0.0 else 0.0
+        efficiency = counted / share if share > 0.0 else 0.0
         power = np.asarray(power, dtype=float)
         return efficiency * power / photon_energy(self.led.wavelength)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 import pydantic
@@ -147,17 +147,6 @@ Share = Annotated[float | Curve, pydantic.WrapValidator(_share_or_curve)]
 """A share, or shares over wavelength."""
 
 
-class Passed(NamedTuple):
-    """Share of the light that passes a filter, and counts per photon in front of the filter.
-
-    `counted` is the number of counts over that of an efficiency of 1 if all light in front of the
-    filter had the signal's wavelength.
-    """
-
-    share: float
-    counted: float
-
-
 def _view(fov_deg: float) -> Floats:
     """Return sin^2 of angles of incidence (n,) that have equal parts of a uniform scene's light."""
     # projected solid angle, and with it the light of a uniform scene, is proportional to sin^2
@@ -172,8 +161,11 @@ def _factors(sin2: Floats, index: float | None) -> Floats:
 
 @check_call
 @functools.lru_cache(maxsize=256)
-def signal_passed(ook: Transmission) -> Passed:
-    r"""Return the share of the LED's light that passes the filter, and its counts.
+def signal_passed(ook: Transmission) -> tuple[float, float]:
+    r"""Return the share of the LED's light that passes the filter, and its counts per photon.
+
+    The counts are those over the photons in front of the filter, as if all had the signal's
+    wavelength.
 
     .. math:: S = \int s(\lambda) \, g(\lambda) \,
         \langle T(\lambda / f(\theta)) \rangle \, d\lambda, \quad
@@ -199,7 +191,8 @@ def signal_passed(ook: Transmission) -> Passed:
         sin2 = np.sin(np.radians(ook.response.angle_deg)) ** 2
     # a joule has photons in proportion to the wavelength
     counts = weight * ook.sipm.pde_at(at) * at / signal_nm
-    return Passed(*(_through(ook.optics, signal_nm, at, w, sin2) for w in (weight, counts)))
+    share, counted = (_through(ook.optics, signal_nm, at, w, sin2) for w in (weight, counts))
+    return share, counted
 
 
 def lit_band(ook: Transmission) -> tuple[float, float]:

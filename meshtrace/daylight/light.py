@@ -225,23 +225,24 @@ SUN = ("sun_zenith_deg", "sun_azimuth_deg")
 _ATMOSPHERE = ("aerosol", "ozone", "water_vapour", "pressure", "day_of_year")
 
 
-class LightModel(NamedTuple):
-    """Model of natural light: the fields of `Daylight` that it sets, and its options."""
-
-    fields: Mapping[str, str]
-    keys: tuple[str, ...] = ()  # in link files, beside the fields of `Daylight`
-
-
 MODELS = {
-    "clear": LightModel(
-        {"light": "clear sky"}, ("time", "latitude", "longitude", *_ATMOSPHERE, "width_nm")
-    ),
-    "overcast": LightModel({"light": "overcast sky", "pattern": "cie-1"}, ("transmittance",)),
-    "uniform": LightModel({"light": "uniform sky", "pattern": "uniform"}),
-    "moon": LightModel({"light": "moonlight"}, ("phase_deg",)),
-    "night": LightModel({"light": "moonless night", "pattern": "uniform"}),
+    "clear": {"light": "clear sky"},
+    "overcast": {"light": "overcast sky", "pattern": "cie-1"},
+    "uniform": {"light": "uniform sky", "pattern": "uniform"},
+    "moon": {"light": "moonlight"},
+    "night": {"light": "moonless night", "pattern": "uniform"},
 }
-"""Models by name in link files; "uniform" needs its irradiance, the others have their own."""
+"""Fields that each model of natural light sets, by its name in link files.
+
+"uniform" needs its irradiance, the others compute theirs.
+"""
+
+MODEL_KEYS: Mapping[str, tuple[str, ...]] = dict.fromkeys(MODELS, ()) | {
+    "clear": ("time", "latitude", "longitude", *_ATMOSPHERE, "width_nm"),
+    "overcast": ("transmittance",),
+    "moon": ("phase_deg",),
+}
+"""Keys of each model in link files, beside the fields of `Daylight`."""
 
 
 class Daylight(Model, frozen=True):
@@ -540,7 +541,7 @@ class Daylight(Model, frozen=True):
     ) -> Self:
         """Build the daylight of a model; its recipe has the options that differ from defaults."""
         _require_absent(fields, ("direct", "diffuse", "recipe"))
-        fields = dict(MODELS[model].fields) | fields
+        fields = MODELS[model] | fields
         # the model gets checked fields; the irradiances of 1 are placeholders
         checked = cls.model_validate(fields | {"direct": 1.0, "diffuse": 1.0})
         direct, diffuse = irradiance(checked)
@@ -570,7 +571,7 @@ class Daylight(Model, frozen=True):
             return self
         fields = self.model_dump(exclude={"direct", "diffuse", "wavelength_nm", "recipe"})
         # "uniform" computes no irradiance
-        models = {m.fields["light"]: name for name, m in MODELS.items() if name != "uniform"}
+        models = {m["light"]: name for name, m in MODELS.items() if name != "uniform"}
         table = fields | self.recipe
         model = models.get(self.light)
         # irradiances that were set by hand follow from no model
@@ -607,9 +608,9 @@ def light_of(model: str, wavelength_nm: float, table: Mapping[str, Any]) -> Any:
     """Return the `Daylight` of a model at a wavelength [nm], with the keys of a link file."""
     table = {"wavelength_nm": wavelength_nm} | dict(table)
     if "direct" in table or "diffuse" in table:
-        _require_absent(table, MODELS[model].keys, "without direct and diffuse")
+        _require_absent(table, MODEL_KEYS[model], "without direct and diffuse")
         irradiance = {"direct": 0.0, "diffuse": 0.0}
-        return Daylight.model_validate(irradiance | dict(MODELS[model].fields) | table)
+        return Daylight.model_validate(irradiance | MODELS[model] | table)
     if model == "uniform":
         raise Refused("diffuse", MISSING, "the irradiance of the uniform sky [W m-2 nm-1]")
     if "time" in table:

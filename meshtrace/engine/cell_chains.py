@@ -25,8 +25,8 @@ from meshtrace.engine.chains.sets import (
     Block,
     ChainDrawer,
     ChainSet,
-    Drawing,
     Request,
+    blocks_of,
     levels,
 )
 from meshtrace.engine.choice import (
@@ -324,7 +324,7 @@ class CellChains:
             for k, n in enumerate(counts.tolist(), 1):
                 request = Request(s, k, n, (self._seed, s, k, _STREAM, tile, first))
                 total = replace(total, chains=total.chains + request.number)
-                for block in Drawing(request, None).blocks():
+                for block in blocks_of(request):
                     self._add(total, block, drawer.drawn(block), time, tile, places)
         return total
 

@@ -126,7 +126,7 @@ def pilot_statistics(
         chains = drawer.draw(larger, [targets[i] for i in sorted(set().union(*unsettled))])
         for surface, table, indices in zip(surfaces, statistics, unsettled, strict=True):
             for i in indices:
-                score = surface.aim(request.source, targets[i], chains).score
+                score, _ = surface.aim(request.source, targets[i], chains)
                 table[:, 0, i] = score.shape[-1]
                 table[:, 1, i] = score.mean(axis=-1)
                 table[:, 2, i] = score.std(axis=-1)

@@ -276,7 +276,7 @@ class FrozenForced:
                 error = aimed.relative_error(e, t) if counts else 0.0
                 direct[r] += share * with_error(gain, error)
             for chains in sets[e]:
-                score = aimed.aim(e, t, chains).score
+                score, _ = aimed.aim(e, t, chains)
                 part = direct if chains.order == 0 else scattered
                 part[r] += share * score.reshape(SHIFTS, -1).mean(axis=1)
         return scattered + direct, direct
@@ -361,7 +361,7 @@ class FrozenForced:
         drawer, by_source = self._base.drawer.of_link(arrays), list[list[ChainSet]]()
         for s, drawings in enumerate(self._base.sets(aimed.sampled)):
             # keys by source also for a downlink, whose receivers share one key in `Planner`
-            requests = (drawing.request for drawing in drawings)
+            requests = (request for request, _ in drawings)
             keyed = (r._replace(key=(self._seed, s, r.order, 1)) for r in requests)
             by_source.append([drawer.draw(request) for request in keyed])
         return by_source

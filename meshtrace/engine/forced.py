@@ -34,7 +34,7 @@ import numpy as np
 from meshtrace.engine import parts
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.chains.gain import Counter
-from meshtrace.engine.chains.sets import Drawing, Request, flat_mesh, points_of, shifted
+from meshtrace.engine.chains.sets import Drawing, Request, blocks_of, flat_mesh, points_of, shifted
 from meshtrace.engine.gains import Gains
 from meshtrace.engine.photons.arriving import scattered_gains
 from meshtrace.engine.plan import Plan, Planner
@@ -134,7 +134,7 @@ class ForcedDetection:
         # drawn before any surface is known: one set serves every frame of a moving sea
         drawings = self.drawer.draw_all(plan.chains, self.threads)
         self.scattered_sets = [
-            [drawing for drawing in drawings if drawing.request.source == s]
+            [(request, chains) for request, chains in drawings if request.source == s]
             for s in range(len(self.arrays.emitters))
         ]
 
@@ -146,7 +146,7 @@ class ForcedDetection:
         """
         joined, chains = self.plan.joined, list[Request]()
         for drawings in self.scattered_sets:
-            requests = [drawing.request for drawing in drawings]
+            requests = [request for request, _ in drawings]
             least = _LEAST_CHAINS * max((request.per_shift for request in requests), default=0)
             for request in requests:
                 if request.per_shift > least:
@@ -193,7 +193,7 @@ class ForcedDetection:
     @property
     def _requests(self) -> list[Request]:
         """Requests of all chains, in the order of their numbers: those without scatterings last."""
-        return [*self.plan.chains, *(drawing.request for drawing in self._unscattered)]
+        return [*self.plan.chains, *(request for request, _ in self._unscattered)]
 
     def evaluate(self, mesh: TriangleMesh) -> Gains:
         """Return the gain over a mesh, at the first wavelength."""
@@ -315,7 +315,7 @@ class ForcedDetection:
         chains, scores = self.drawer.drawn(block), dict[int, Floats]()
         for group in aimed.together(targets, chains):
             # columns go through all chains of the first target, then of the second, and so on
-            score = aimed.aim(block.request.source, group, chains).score
+            score, _ = aimed.aim(block.request.source, group, chains)
             scores |= dict(zip(group, np.split(score, len(group), axis=-1), strict=True))
         return [scores[target] for target in targets]
 
@@ -453,13 +453,13 @@ class ForcedDetection:
         else:
             # sampled, or dark through facets: chains without scatterings may bring light
             sets = [self.unscattered()[e], *sets]
-        for drawing in sets:
-            for block in drawing.blocks():
+        for request, stored in sets:
+            # numbers run on from request to request
+            before = self._requests[: self._requests.index(request)]
+            first = sum(earlier.number for earlier in before)
+            for block in blocks_of(request, stored):
                 chains = self.drawer.drawn(block)
                 arrivals = parts.chain_light(aimed, e, t, chains, tints, block)
-                # numbers run on from request to request
-                before = self._requests[: self._requests.index(drawing.request)]
-                first = sum(request.number for request in before)
                 yield arrivals._replace(sample=first + arrivals.sample)
 
 

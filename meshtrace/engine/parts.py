@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.chains.aimed import AimedChains, on_disk
-from meshtrace.engine.chains.sets import Block, ChainSet, Drawing
+from meshtrace.engine.chains.sets import Block, ChainSet, Drawing, blocks_of
 from meshtrace.engine.setup.ends import ForcedLink
 from meshtrace.kernels.tally import DIRECT, MIRRORED, SCATTERED
 from meshtrace.kernels.tints import NO_TINTS, Tints
@@ -32,7 +32,7 @@ def chain_jobs(pairs: list[tuple[int, int]], sets: list[list[Drawing]]) -> list[
     for e, drawings in enumerate(sets):
         targets = [t for emitter, t in pairs if emitter == e]
         if targets:
-            jobs += [(targets, block) for drawing in drawings for block in drawing.blocks()]
+            jobs += [(targets, block) for drawing in drawings for block in blocks_of(*drawing)]
     return jobs
 
 
@@ -166,7 +166,7 @@ def chain_light(
     # Number of the first chain among the n of its request: a block has some of them, and their
     # mean over n is the gain. `audit` has one entry a chain.
     first, n = (block.span.start, block.request.number) if block else (0, len(chains.audit))
-    arrivals = aimed.aim(emitter, target, chains, keep=True).arrivals
+    _, arrivals = aimed.aim(emitter, target, chains, keep=True)
     # each chain aims at a point of its own on the aperture
     end, chain = link.targets[target], arrivals["chain"]
     way = on_disk(end.center, end, chains.chains.disk[chain]) - arrivals["point"]

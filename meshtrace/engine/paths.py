@@ -216,7 +216,7 @@ def _chained(
     for s, power in enumerate(arrays.power):
         e, t = (0, s) if arrays.down else (s, 0)
         for chain_set in map(forced.drawer.whole, sets[e]):
-            arrivals = aimed.aim(e, t, chain_set, keep=True).arrivals
+            _, arrivals = aimed.aim(e, t, chain_set, keep=True)
             # `audit` has one entry a chain: the gain is the mean over them all
             weight = power * arrivals["weight"] / len(chain_set.audit)
             if not weight.sum() > 0.0:

@@ -354,7 +354,8 @@ class Planner:
             request = Request(s, 0, _STILL_CHAINS, (*self.keys[s], 0, 3))
             unscattered = self.drawer.draw(request, self._targets)
             for i, t in enumerate(self._targets):
-                to_targets[i] += self.drawer.aim(s, t, unscattered).score.mean()
+                score, _ = self.drawer.aim(s, t, unscattered)
+                to_targets[i] += score.mean()
         return self.arrays.by_receiver(gain)
 
     def _allot(self, photons: int, comparison: Comparison) -> list[Request]:

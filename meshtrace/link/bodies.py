@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,18 +26,13 @@ _COLUMNS = (
 )
 
 
-class _Facets(NamedTuple):
-    """Facets of a body in the unit of its mesh."""
+def _facets_of(mesh: str | TriangleMesh) -> tuple[Floats, NDArray[np.int32], str]:
+    """Return the vertices (n, 3) in the unit of the mesh, the faces (m, 3) and their SHA-256.
 
-    vertices: Floats  # (n, 3)
-    faces: NDArray[np.int32]  # (m, 3)
-    sha256: str  # of the file, or of the arrays
-
-
-def _facets_of(mesh: str | TriangleMesh) -> _Facets:
-    """Return the facets of a mesh or a file; refuse what cannot be read or has none."""
+    Refuse a file that cannot be read or has no facets.
+    """
     if isinstance(mesh, TriangleMesh):
-        return _Facets(mesh.vertices, mesh.faces, mesh.sha256)
+        return mesh.vertices, mesh.faces, mesh.sha256
     try:
         state = Path(mesh).stat()
     except OSError as error:
@@ -47,7 +42,7 @@ def _facets_of(mesh: str | TriangleMesh) -> _Facets:
 
 
 @lru_cache(maxsize=8)
-def _read(file: str, modified: int, size: int) -> _Facets:
+def _read(file: str, modified: int, size: int) -> tuple[Floats, NDArray[np.int32], str]:
     """Return the facets of a file; the time of its last change and its size tell it from others."""
     from meshtrace.surfaces.triangulate import read_mesh
 
@@ -66,7 +61,7 @@ def _read(file: str, modified: int, size: int) -> _Facets:
     solid = np.cross(b - a, c - a).any(axis=1)
     if not solid.any():
         raise Refused("mesh", Described(f"{file!r}: no facets with an area"), READABLE)
-    return _Facets(vertices, faces[solid].astype(np.int32), digest)
+    return vertices, faces[solid].astype(np.int32), digest
 
 
 def _albedo(value: Any) -> Any:
@@ -166,22 +161,23 @@ class Body(Model, frozen=True):
     def _same_mesh(self) -> Self:
         if self.mesh is None:
             raise Refused("mesh", None, READABLE)
-        facets = _facets_of(self.mesh)
-        if self.sha256 not in (None, facets.sha256):
-            other = Described(f"one with the SHA-256 {facets.sha256}")
+        *_, digest = _facets_of(self.mesh)
+        if self.sha256 not in (None, digest):
+            other = Described(f"one with the SHA-256 {digest}")
             raise Refused("mesh", other, f"the mesh with the SHA-256 {self.sha256}")
         largest = float(np.abs(self.triangles()[0]).max())
         if not largest <= FARTHEST:
             far = Described(f"coordinates up to {largest:g} m")
             raise Refused("mesh", far, f"coordinates within {FARTHEST:g} m")
         # frozen: the digest follows from the mesh, and identifies the body in every result
-        object.__setattr__(self, "sha256", facets.sha256)
+        object.__setattr__(self, "sha256", digest)
         return self
 
     @property
     def n_facets(self) -> int:
         """Number of facets."""
-        return len(_facets_of(self.mesh).faces)
+        _, faces, _ = _facets_of(self.mesh)
+        return len(faces)
 
     def triangles(self) -> tuple[Floats, NDArray[np.int32]]:
         """Return vertices (n, 3) [m] at the place of the body, and faces (m, 3)."""

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, get_args
 
 from meshtrace.daylight import light as daylight
-from meshtrace.daylight.light import MODELS, SUN, Daylight, UnavailableDaylight
+from meshtrace.daylight.light import MODEL_KEYS, MODELS, SUN, Daylight, UnavailableDaylight
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.options import Meshing, Run, run_keys
 from meshtrace.errors import Described, Refused, require_keys, require_word, within
@@ -306,7 +306,7 @@ def whitecaps_config(link: Link, wind_speed: float) -> Any:
 
 _IRRADIANCES = ("direct", "diffuse")
 _ANY_MODEL = ("model", *_IRRADIANCES, "pattern", "water", "foam_reflectance", "light", *SUN)
-"""Keys of [daylight] that all models have; each has further ones, `LightModel.keys`."""
+"""Keys of [daylight] that all models have; each has further ones, `MODEL_KEYS`."""
 
 
 def read_daylight(table: Table, link: Link) -> Daylight | UnavailableDaylight | None:
@@ -318,7 +318,7 @@ def read_daylight(table: Table, link: Link) -> Daylight | UnavailableDaylight | 
     # a table without a model has a clear sky; `expand_words` gives a file without the table "none"
     model = table.get("model", "clear")
     require_word(model, [*MODELS, "none"], "daylight.model")
-    keys = (*_ANY_MODEL, *MODELS[model].keys) if model in MODELS else _ANY_MODEL
+    keys = (*_ANY_MODEL, *MODEL_KEYS.get(model, ()))
     require_keys(table, keys, "daylight")
     if model == "none":
         return None
@@ -341,7 +341,7 @@ def daylight_config(day: Daylight | UnavailableDaylight | None) -> Table | None:
         return None if day is None else day.table
     fields = day.model_dump(mode="json", exclude={"wavelength_nm", "recipe"})
     # the name of the light tells the model; a light named by the user is taken for "clear"
-    names = (name for name, model in MODELS.items() if model.fields["light"] == day.light)
+    names = (name for name, model in MODELS.items() if model["light"] == day.light)
     model = next(names, "clear")
     options = split(fields | day.recipe, _IRRADIANCES)[1]
     # follows: the model gives these irradiances, so that they can be left out
@@ -358,7 +358,7 @@ def daylight_config(day: Daylight | UnavailableDaylight | None) -> Table | None:
 def _defaults(model: str) -> Table:
     """Return the fields of `Daylight` that a model has without options."""
     fields = {name: field.default for name, field in Daylight.model_fields.items()}
-    return fields | dict(MODELS[model].fields)
+    return fields | MODELS[model]
 
 
 def daylight_values(day: Daylight) -> dict[str, float]:
@@ -366,7 +366,7 @@ def daylight_values(day: Daylight) -> dict[str, float]:
     table: Any = daylight_config(day)
     model, values = table["model"], {key: getattr(day, key) for key in ("foam_reflectance", *SUN)}
     if table.keys().isdisjoint(_IRRADIANCES):
-        values |= split(daylight.defaults_of(model), MODELS[model].keys)[0]
+        values |= split(daylight.defaults_of(model), MODEL_KEYS[model])[0]
     values |= table
     return {key: value for key, value in values.items() if isinstance(value, float)}
 
@@ -382,7 +382,7 @@ def daylight_with(day: Daylight, key: str, value: Any) -> Daylight:
     """
     table: Any = daylight_config(day)
     model = table.pop("model")
-    require_keys({key: value}, ["wavelength_nm", *_ANY_MODEL, *MODELS[model].keys])
+    require_keys({key: value}, ["wavelength_nm", *_ANY_MODEL, *MODEL_KEYS[model]])
     if key == "wavelength_nm" and value != day.wavelength_nm:
         daylight_recipe(day)  # refuses irradiances that no model gives
     return daylight.light_of(model, day.wavelength_nm, table | {key: value})
@@ -391,7 +391,7 @@ def daylight_with(day: Daylight, key: str, value: Any) -> Daylight:
 def changes_irradiance(key: str) -> bool:
     """Return whether the irradiances of [daylight] depend on a dotted key of a link file."""
     table, _, name = key.partition(".")
-    options = [key for model in MODELS.values() for key in model.keys]
+    options = [key for keys in MODEL_KEYS.values() for key in keys]
     of_daylight = table == "daylight" and name in ("model", *SUN, *options)
     return of_daylight or name.endswith("wavelength_nm")
 

@@ -111,7 +111,7 @@ def test_light_through_large_facets_against_searched_chains(name, tilts):
     gain = aimed.direct_gains(0, 0).sum()
     drawn = forced.drawer.draw(sets.Request(0, 0, 256, (7, 0, 0, 1)))
     aimed.blurred = False
-    shifts = aimed.aim(0, 0, drawn).score.reshape(SHIFTS, -1).mean(axis=1)
+    shifts = aimed.aim(0, 0, drawn)[0].reshape(SHIFTS, -1).mean(axis=1)
     stderr = shifts.std(ddof=1) / math.sqrt(SHIFTS)
     # a beam far narrower than the tilts is met by few of the chains
     assert stderr < 0.05 * gain
@@ -180,7 +180,7 @@ def test_views_narrower_than_the_facets(mss, fov, points):
     gain = aimed.direct_gains(0, 0).sum()
     aimed.blurred = False
     drawn = forced.drawer.draw(sets.Request(0, 0, points, (7, 0, 0, 1)))
-    shifts = aimed.aim(0, 0, drawn).score.reshape(SHIFTS, -1).mean(axis=1)
+    shifts = aimed.aim(0, 0, drawn)[0].reshape(SHIFTS, -1).mean(axis=1)
     stderr = shifts.std(ddof=1) / math.sqrt(SHIFTS)
     assert stderr < 0.01 * gain
     assert z_test(gain, math.hypot(stderr, 1e-3 * gain), shifts.mean()) > sidak(ALPHA, len(VIEWS))

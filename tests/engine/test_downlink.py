@@ -247,7 +247,7 @@ def test_interpolated_normals_weigh_reversed_light_as_light_from_the_air(normals
     mesh = WAVE.mesh(0.0, 4.0, 0.3)  # coarse, so that the normals differ from those of the facets
     forced = ForcedDetection(link, 32 * 256, 1, normals=normals, scattered="chains")
     aimed = forced.planner.aim_over(mesh)
-    score = aimed.aim(0, 0, forced.drawer.whole(forced.unscattered()[0])).score
+    score = aimed.aim(0, 0, forced.drawer.whole(forced.unscattered()[0]))[0]
     shifts = score.reshape(32, -1).mean(axis=1)
     error = shifts.std(ddof=1) / math.sqrt(32)
     assert abs(shifts.mean() - aimed.direct_gains(0, 0).sum()) < 4.0 * error

@@ -22,7 +22,7 @@ from meshtrace.engine.chains import gain as kernel
 from meshtrace.engine.chains import microfacets
 from meshtrace.engine.chains import unscattered as image
 from meshtrace.engine.chains.gain import Counter, tint_chains, tint_straight
-from meshtrace.engine.chains.sets import Aimed, ChainDrawer, ChainSet, Request
+from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request, Scores
 from meshtrace.engine.crossing import FLAT, ROOT, Search
 from meshtrace.engine.setup.arrays import locator, mean_square_slope, surface_arrays, with_raster
 from meshtrace.engine.setup.bodies import for_thread
@@ -230,7 +230,7 @@ class AimedChains:
 
     def aim(
         self, source: int, receivers: int | Sequence[int], chains: ChainSet, keep: bool = False
-    ) -> Aimed:
+    ) -> Scores:
         """Return the scores (wavelengths, chains) of a set, and its unblocked arrivals if `keep`.
 
         To one receiver, or to receivers `together`: then column m * n + i is chain i of n to the
@@ -268,8 +268,8 @@ class AimedChains:
         arrivals = out.arrivals[:count]
         self.counters += out.counters
         if self._calibration is None:
-            return Aimed(out.score[None], arrivals)
-        return Aimed(self._tinted_scores(source, chains, n, arrivals), arrivals)
+            return out.score[None], arrivals
+        return self._tinted_scores(source, chains, n, arrivals), arrivals
 
     def at_wavelengths(self, shared: CommonPaths) -> AimedChains:
         """Return the same surface at several wavelengths, on the paths of one base wavelength.

@@ -62,11 +62,8 @@ TURBID = 4.0
 """Scatterings expected on the way, from which water is turbid: chains are fitted to the way."""
 
 
-class Aimed(NamedTuple):
-    """Scores of a set of chains, and its unblocked arrivals if they are kept."""
-
-    score: Floats  # (wavelengths, chains)
-    arrivals: NDArray[np.void]  # ARRIVAL
+Scores = tuple[Floats, NDArray[np.void]]
+"""Scores (wavelengths, chains) of a set of chains, and its unblocked arrivals (ARRIVAL)."""
 
 
 class ChainSet(NamedTuple):
@@ -132,18 +129,15 @@ class Block(NamedTuple):
         return slice(self.span.start // n, -(-self.span.stop // n))
 
 
-class Drawing(NamedTuple):
-    """Chains of a request, either stored or drawn again for each surface."""
+Drawing = tuple[Request, ChainSet | None]
+"""Chains of a request: stored ones, or none, which are drawn again for each surface."""
 
-    request: Request
-    chains: ChainSet | None
 
-    def blocks(self) -> Iterator[Block]:
-        """Yield the chains in blocks."""
-        points = points_of(self.request) if self.chains is None else _NO_POINTS
-        for span in self.request.spans():
-            chains = self.chains if self.chains is None else self.chains.part(span)
-            yield Block(self.request, span, points, chains)
+def blocks_of(request: Request, chains: ChainSet | None = None) -> Iterator[Block]:
+    """Yield the chains of a request in blocks, as parts of stored ones or yet to be drawn."""
+    points = points_of(request) if chains is None else _NO_POINTS
+    for span in request.spans():
+        yield Block(request, span, points, chains and chains.part(span))
 
 
 class ChainDrawer:
@@ -221,7 +215,7 @@ class ChainDrawer:
     def draw(self, request: Request, receivers: Collection[int] | None = None) -> ChainSet:
         """Return all chains of a request, to all receivers by default."""
         chains = self.empty(request, receivers)
-        for block in Drawing(request, None).blocks():
+        for block in blocks_of(request):
             self._fill((block, chains.part(block.span)))
         return chains
 
@@ -233,20 +227,20 @@ class ChainDrawer:
         receivers = len(self._representatives())
         # many chains are drawn again from their keys, block by block, rather than stored
         if sum(self._bytes(request, receivers) for request in requests) > _CHAIN_BYTES:
-            return [Drawing(request, None) for request in requests]
-        drawings = [Drawing(request, self.empty(request)) for request in requests]
+            return [(request, None) for request in requests]
+        drawings = [(request, self.empty(request)) for request in requests]
         jobs = (
             (block, chains.part(block.span))
             for request, chains in drawings
-            if chains is not None
-            for block in Drawing(request, None).blocks()
+            for block in blocks_of(request)
         )
         deque(ordered_map(self._fill, jobs, threads), maxlen=0)
-        return drawings
+        return list(drawings)
 
     def whole(self, drawing: Drawing) -> ChainSet:
         """Return all chains of a request, as stored or drawn again."""
-        return drawing.chains or self.draw(drawing.request)
+        request, chains = drawing
+        return chains or self.draw(request)
 
     def drawn(self, block: Block) -> ChainSet:
         """Return the chains of a block."""
@@ -330,12 +324,12 @@ class ChainDrawer:
         raised = scene._replace(surface=sea._replace(level=self.ceiling))
         return starts_of(emitter, target), scene, raised
 
-    def aim(self, source: int, receiver: int, chains: ChainSet) -> Aimed:
-        """Return the scores of a set of chains over still water, without arrivals."""
+    def aim(self, source: int, receiver: int, chains: ChainSet) -> Scores:
+        """Return the scores (1, chains) of a set of chains over still water, without arrivals."""
         score = np.empty((1, len(chains.audit)))
         _, scene, _ = self._still_water(source, receiver)
         flat_contributions(chains.chains, chains.crossings(receiver), scene, score[0])
-        return Aimed(score, np.zeros(0, ARRIVAL))
+        return score, np.zeros(0, ARRIVAL)
 
 
 def levels(link: ForcedLink, crest: float) -> tuple[float, float]:

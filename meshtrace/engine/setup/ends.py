@@ -50,17 +50,6 @@ _FARTHEST = 200.0  # in the unit of the frame; a link is up to some 16 units hig
 _NO_LAMP = Emitter(ORIGIN, ORIGIN, kind=int(SourceKind.ISOTROPIC), spread=0.0, norm=0.0)
 
 
-class Forwards(NamedTuple):
-    """Lamps in the air and apertures in the water, turned upside down.
-
-    Kernels of unscattered light expect the emitter below the surface (`kernels.scene.Scene`).
-    """
-
-    emitters: list[Emitter]
-    targets: list[Target]
-    medium: Medium  # refractive indices interchanged; depths of layers and bubbles as they are
-
-
 class ForcedLink(NamedTuple):
     """A link as arrays and numbers in its local frame.
 
@@ -75,7 +64,10 @@ class ForcedLink(NamedTuple):
     targets: list[Target]
     medium: Medium
     interface: Interface
-    forwards: Forwards | None  # ends of light that starts in the air, in its direction, else None
+    # Of light that starts in the air, in its direction and upside down: the lamps as emitters, the
+    # apertures as targets, indices interchanged. Kernels of unscattered light expect the emitter
+    # below the surface (`kernels.scene.Scene`).
+    forwards: ForcedLink | None
     direction: Direction  # `Link.direction`
     sizes: tuple[float, ...]  # (emitters,) `Source.size` in the unit of the frame, 0 for receivers
     stands_for: NDArray[np.intp]  # (targets,) index of the representative, see `representatives`
@@ -140,32 +132,34 @@ def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
     medium = expected_water(link, crest=5.0)
     frame = frame or arrays.frame_of(link)
     low: tuple[Source | Aperture, ...] = link.transmitters
-    forwards, water = None, frame.medium(medium)
+    water = frame.medium(medium)
     if link.direction == "down":
         # Chains start in the water, at the receivers, and run against the light: reciprocity
         # conserves radiance over n^2 (docs/downlink.md).
         low = link.receivers
-    if link.direction in ("down", "over"):
-        # unscattered light from the air is followed forwards, with everything upside down
-        forwards = Forwards(
-            [_mirrored(emitter_of(t, frame), "position") for t in link.transmitters],
-            [_mirrored(target_of(r, frame), "center") for r in link.receivers],
-            water._replace(n_water=water.n_air, n_air=water.n_water),
-        )
     emitters, targets = [emitter_of(end, frame) for end in low], _targets(link, frame)
-    return ForcedLink(
+    forced = ForcedLink(
         frame=frame,
         emitters=emitters,
         power=power / power.sum(),
         targets=targets,
         medium=water,
         interface=arrays.interface_arrays(link),
-        forwards=forwards,
+        forwards=None,
         direction=link.direction,
         sizes=tuple(end.size / frame.unit if isinstance(end, Source) else 0.0 for end in low),
         stands_for=representatives(emitters, targets),
         bodies=scene_of(link, frame),
     )
+    if link.direction not in ("down", "over"):
+        return forced
+    # unscattered light from the air is followed forwards; depths of layers stay as they are
+    upside_down = forced._replace(
+        emitters=[_mirrored(emitter_of(t, frame), "position") for t in link.transmitters],
+        targets=[_mirrored(target_of(r, frame), "center") for r in link.receivers],
+        medium=water._replace(n_water=water.n_air, n_air=water.n_water),
+    )
+    return forced._replace(forwards=upside_down)
 
 
 def require_chains(link: Link) -> None:

@@ -49,7 +49,7 @@ def searched(forced, aimed, order, chains, receiver=0):
     """Return mean and standard error of chains whose crossings are searched."""
     drawn = forced.drawer.draw(sets.Request(0, order, chains // SHIFTS, (7, 0, order, 1)))
     aimed.blurred = False
-    found = mean_of(aimed.aim(0, receiver, drawn).score)
+    found = mean_of(aimed.aim(0, receiver, drawn)[0])
     aimed.blurred = True
     return found
 
@@ -135,7 +135,7 @@ def test_chains_that_try_crossings_against_searched_ones(omega_max):
     for order in (0, 1, 3):
         drawn = forced.drawer.draw(sets.Request(0, order, 1024, (9, 0, order, 1)))
         for r in range(2):
-            mean, stderr = mean_of(aimed.aim(0, r, drawn).score)
+            mean, stderr = mean_of(aimed.aim(0, r, drawn)[0])
             other, other_stderr = searched(forced, aimed, order, 4096, r)
             assert z_test(mean, math.hypot(stderr, other_stderr), other) > sidak(ALPHA, 12)
             assert stderr < 0.1 * mean

@@ -48,9 +48,9 @@ def test_kept_and_drawn_chains_are_the_same(sea, largest, monkeypatch):
 def test_many_chains_are_not_kept():
     link = mt.Link()
     many = ForcedDetection(link, 2**18, seed=1, scattered="chains").scattered_sets
-    assert all(drawing.chains is None for row in many for drawing in row)
+    assert all(chains is None for row in many for _, chains in row)
     few = ForcedDetection(link, 2**10, seed=1, scattered="chains").scattered_sets
-    assert all(drawing.chains is not None for row in few for drawing in row)
+    assert all(chains is not None for row in few for _, chains in row)
 
 
 def test_blocks_hold_each_chain_once():
