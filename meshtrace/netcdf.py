@@ -119,12 +119,12 @@ def opened(
         with open(path, "rb") as file:
             is_classic = file.read(3) == b"CDF"
         # HDF5 files that were not written as netCDF do not name their dimensions
-        hdf5: dict[str, Any] = {"engine": "h5netcdf", "phony_dims": "sort"}
-        engine: dict[str, Any] = {"engine": "scipy"} if is_classic else hdf5
+        engine, phony = ("scipy", None) if is_classic else ("h5netcdf", {"phony_dims": "sort"})
         # a wave period in s remains a number
         with xr.open_dataset(
-            path, decode_times=decode_times, decode_timedelta=False, **engine
-        ) as data:
+            path, engine=engine, decode_times=decode_times, decode_timedelta=False,
+            backend_kwargs=phony,
+        ) as data:  # fmt: skip
             yield data
 
 

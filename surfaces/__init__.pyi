@@ -3,9 +3,9 @@ from .directional import from_wavespectra as from_wavespectra
 from .gram_charlier import GramCharlier as GramCharlier
 from .measured import from_gauge as from_gauge
 from .measured import gauge_spectrum as gauge_spectrum
+from .random_sea import RandomSea as RandomSea
 from .seas import JonswapSea as JonswapSea
 from .seas import MeasuredSea as MeasuredSea
-from .seas import RandomSea as RandomSea
 from .seas import SpectralSea as SpectralSea
 from .seas import SumSea as SumSea
 from .seas import resolved_sea as resolved_sea

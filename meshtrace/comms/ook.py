@@ -175,7 +175,7 @@ class OokLink(Model, frozen=True):
             preset = {"model": "PC", "optics": OpticalFrontEnd(etendue_limited=False)}
         if name == "paper-ranges":
             preset["calibration"] = name
-        return cls(**(preset | fields))
+        return cls.model_validate(preset | fields)
 
     @classmethod
     def of_link(

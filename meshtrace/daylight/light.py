@@ -616,8 +616,7 @@ def light_of(model: str, wavelength_nm: float, table: Mapping[str, Any]) -> Any:
     if "time" in table:
         _require_absent(table, SUN, "without time, which gives the sun")
         # `at` refuses a missing coordinate by its name
-        no_place: dict[str, Any] = {"latitude": None, "longitude": None}
-        return Daylight.at(**no_place | table)
+        model, table = "at", {"latitude": None, "longitude": None} | table
     if model == "moon":
         # link files give the position of the moon by the keys of the sun
         table = {key.removeprefix("sun_"): value for key, value in table.items()}

@@ -16,23 +16,25 @@ from meshtrace.errors import require_array
 from meshtrace.fading.distribution import (
     MOST_RESAMPLES,
     Distribution,
-    DistributionFit,
     Estimate,
-    GoodnessOfFit,
     Histogram,
     Reference,
     Resamples,
     checked,
     checked_step,
-    fit_gamma_gamma,
-    fit_lognormal,
     gain_cdf,
     gain_pdf,
-    goodness_of_fit,
     level_of,
     outage,
     remove_noise,
     scintillation_index,
+)
+from meshtrace.fading.fits import (
+    DistributionFit,
+    GoodnessOfFit,
+    fit_gamma_gamma,
+    fit_lognormal,
+    goodness_of_fit,
 )
 from meshtrace.fading.series import (
     autocorrelation,

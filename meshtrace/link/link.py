@@ -620,7 +620,7 @@ def _moved(kind: type[Any], end: Any, place: Any) -> Any:
     level = "depth" if hasattr(place, "depth") else "height"
     fields |= {"position": place.position, level: getattr(place, level)}
     angles = zip(_axis(kind), _axis(type(place)), strict=True)
-    return kind(**fields | {new: getattr(place, old) for new, old in angles})
+    return kind.model_validate(fields | {new: getattr(place, old) for new, old in angles})
 
 
 def _axis(kind: type[Any]) -> tuple[str, str]:

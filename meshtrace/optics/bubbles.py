@@ -15,7 +15,8 @@ from meshtrace.checks import Allowed, Infinite, Positive, RangedArray, check_cal
 from meshtrace.errors import Refused, is_number, require_between, require_range
 from meshtrace.models import Family, Floats
 from meshtrace.optics.mie import MieTable, cached_table, population_table
-from meshtrace.optics.phase import HistogramPhase, PhaseFunction, Segments
+from meshtrace.optics.phase import HistogramPhase, PhaseFunction
+from meshtrace.optics.power_laws import Segments
 from meshtrace.quadrature import gauss_legendre
 
 # Depth of the layer in e-folding depths: `BubblePopulation.profile` ends there (what is left out

@@ -137,7 +137,7 @@ class Dryden(Model, frozen=True):
             "physical": {},
             "paper": {"altitude_unit": "metre", "gust_variance": "sigma^2/pi"},
         }
-        return cls(**(forms[physics] | fields))
+        return cls.model_validate(forms[physics] | fields)
 
     @property
     def mean_wind(self) -> Floats:

@@ -155,8 +155,8 @@ def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
         return forced
     # unscattered light from the air is followed forwards; depths of layers stay as they are
     upside_down = forced._replace(
-        emitters=[_mirrored(emitter_of(t, frame), "position") for t in link.transmitters],
-        targets=[_mirrored(target_of(r, frame), "center") for r in link.receivers],
+        emitters=[_mirrored(emitter_of(t, frame)) for t in link.transmitters],
+        targets=[_mirrored(target_of(r, frame)) for r in link.receivers],
         medium=water._replace(n_water=water.n_air, n_air=water.n_water),
     )
     return forced._replace(forwards=upside_down)
@@ -170,11 +170,9 @@ def require_chains(link: Link) -> None:
             raise Refused(path, Described(f"a radius of {item.size:g} m"), POINTS_ONLY)
 
 
-def _mirrored(end: Any, position_field: str) -> Any:
+def _mirrored(end: Any) -> Any:
     """Return an emitter or target mirrored at still water, z -> -z."""
-    names = (position_field, "axis", "e1", "e2")
-    turned = {name: getattr(end, name)._replace(z=-getattr(end, name).z) for name in names}
-    return end._replace(**turned)
+    return end._make(item._replace(z=-item.z) if isinstance(item, Vec3) else item for item in end)
 
 
 def crossing_reach(link: Link) -> float:
