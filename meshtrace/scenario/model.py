@@ -364,7 +364,7 @@ class Scenario(Model, frozen=True):
             surface = self.surface.load(self.meshing.extent or needed)
             origin = {"mesh_file": self.surface.file}
         case = Case(self.link, surface or self.surface, self.run, self.meshing, origin)
-        return case.with_options(options, mesh).with_waves(fading)
+        return case.with_options(mesh, **options).with_waves(fading)
 
     def mesh(self) -> TriangleMesh:
         """Return the mesh of the surface that the run needs.

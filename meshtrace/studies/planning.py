@@ -366,7 +366,7 @@ def availability(
         scenario = scenario.model_copy(update={"detector": electronics})
     # with the choice of waves, which a campaign fixes for one wind: each run has its own
     case = Case(scenario.link, scenario.surface, scenario.run, scenario.meshing)
-    meshing = case.with_options(case_options(run)).meshing
+    meshing = case.with_options(**case_options(run)).meshing
     names = tuple(item.name for item in known)
     study = _Runs(
         plain_base(scenario, map(_key, names)), names, campaign.run.photons, meshing,

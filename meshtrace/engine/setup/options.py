@@ -403,14 +403,13 @@ class Case(NamedTuple):
     meshing: Meshing = Meshing()
     origin: Mapping[str, Any] = MappingProxyType({})  # added to the provenance of results
 
-    def with_options(self, options: dict[str, Any], mesh: Meshing | None = None) -> Case:
+    def with_options(self, mesh: Meshing | None = None, **options: Any) -> Case:
         """Return the case with fields of `Run`, of its estimator and of `Meshing` replaced."""
         # checked against all names first, so that the hint at a misspelt one covers every model
         require_keys(options, list(dict.fromkeys([*Meshing.model_fields, *run_keys()])))
-        fields = {key: value for key, value in options.items() if key in Meshing.model_fields}
+        fields = {key: options.pop(key) for key in Meshing.model_fields if key in options}
         meshing = (self.meshing if mesh is None else mesh).replace(**fields)
-        others = {key: value for key, value in options.items() if key not in fields}
-        return self._replace(run=self.run.replace(**others), meshing=meshing)
+        return self._replace(run=self.run.replace(**options), meshing=meshing)
 
     def with_waves(self, fading: bool = False) -> Case:
         """Return the case with `meshing.waves` moved into its sea, as the band that a mesh holds.
@@ -488,4 +487,4 @@ def resolve(
         surface = sea_in_wind(wind_speed)
     require_surface(surface)
     # options first: `waves` is one of them
-    return Case(link, surface).with_options(options, mesh).with_waves(fading)
+    return Case(link, surface).with_options(mesh, **options).with_waves(fading)
