@@ -92,7 +92,10 @@ def analog_result(
         arrivals = table_of(hits, hits["weight"] / n, 1.0, link)
     grid = records.get("irradiance-map")
     gain = per_receiver(link, mean[:n_rx])
-    result = GainResult(
+    pairs: dict[str, Any] = {}
+    if seed is not None:
+        pairs = by_lamp_of(groups_by_lamp(sums, seed, link))
+    return GainResult(
         gain=gain,
         gain_stderr=per_receiver(link, stderr[:n_rx]),
         gain_bound=bound_where_dark(gain, n),
@@ -107,8 +110,8 @@ def analog_result(
         arrivals=arrivals,
         planes=_planes(link, sums, mean[n_rx:], stderr[n_rx:]),
         map=irradiance_map(grid, sums) if isinstance(grid, options.IrradianceMap) else None,
+        **pairs,
     )
-    return result if seed is None else _by_lamp(result, groups_by_lamp(sums, seed, link))
 
 
 def groups_by_lamp(sums: PhotonSums, seed: int, link: Link) -> Floats:
@@ -120,14 +123,11 @@ def groups_by_lamp(sums: PhotonSums, seed: int, link: Link) -> Floats:
     return groups.T.reshape(*shape, SHIFTS)
 
 
-def _by_lamp(result: GainResult, groups: Floats, quadrature: Floats | float = 0.0) -> GainResult:
-    """Return a result with its gain (lamps, receivers, SHIFTS) by lamp and group."""
-    return replace(
-        result,
-        gain_by_lamp=groups.mean(axis=-1),
-        gain_by_lamp_stderr=np.hypot(error_of_groups(groups, axis=-1), quadrature),
-        gain_by_lamp_groups=groups,
-    )
+def by_lamp_of(groups: Floats, quadrature: Floats | float = 0.0) -> dict[str, Floats]:
+    """Return the fields of a result by lamp from the gain (lamps, receivers, SHIFTS) by group."""
+    stderr = np.hypot(error_of_groups(groups, axis=-1), quadrature)
+    names = "gain_by_lamp", "gain_by_lamp_stderr", "gain_by_lamp_groups"
+    return dict(zip(names, (groups.mean(axis=-1), stderr, groups), strict=True))
 
 
 def forced_result(
@@ -135,6 +135,18 @@ def forced_result(
 ) -> GainResult:
     """Return the result of forced detection over a mesh."""
     link = case.link
+    # fields are absent, rather than 0, if no photons followed light that the surface reflects first
+    extra: dict[str, Any] = {}
+    if link.direction in SAME_SIDE:
+        extra["gain_part"], extra["gain_part_stderr"] = gains.parts.T, gains.part_stderr.T
+    elif gains.reflects:
+        extra["gain_reflected"] = per_receiver(link, gains.parts[REFLECTED])
+        extra["gain_reflected_stderr"] = per_receiver(link, gains.part_stderr[REFLECTED])
+        extra["reflected"] = gains.samples_of(REFLECTED)
+    if gains.by_lamp is not None:
+        pairs, shape = gains.by_lamp, (-1, len(link.receivers))
+        groups = pairs.shifts.reshape(*shape, SHIFTS)
+        extra |= by_lamp_of(groups, pairs.quadrature.reshape(shape))
     result = GainResult(
         gain=per_receiver(link, gains.gain),
         gain_stderr=per_receiver(link, gains.stderr),
@@ -147,22 +159,8 @@ def forced_result(
         chains=gains.counts,
         scattered=gains.samples_of(SCATTERED),
         arrivals=gains.table[0] if gains.table else None,
+        **extra,
     )
-    # fields are absent, rather than 0, if no photons followed light that the surface reflects first
-    if link.direction in SAME_SIDE:
-        parts, stderr = gains.parts.T, gains.part_stderr.T
-        result = replace(result, gain_part=parts, gain_part_stderr=stderr)
-    elif gains.reflects:
-        result = replace(
-            result,
-            gain_reflected=per_receiver(link, gains.parts[REFLECTED]),
-            gain_reflected_stderr=per_receiver(link, gains.part_stderr[REFLECTED]),
-            reflected=gains.samples_of(REFLECTED),
-        )
-    if gains.by_lamp is not None:
-        pairs, shape = gains.by_lamp, (-1, len(link.receivers))
-        groups = pairs.shifts.reshape(*shape, SHIFTS)
-        result = _by_lamp(result, groups, pairs.quadrature.reshape(shape))
     # the larger one where both apply; nan of either is ignored
     bound = np.fmax(_bound_of_dark(case, mesh, gains.gain), _bound_of_few(result))
     if not np.isfinite(bound).any():
