@@ -34,10 +34,7 @@ from .random_sea import RandomSea
 from .sequence import MeshSequence
 from .spectra import ALPHA_COEFFICIENT, Elfouhaily, Jonswap, PiersonMoskowitz, Spectrum, Tma
 from .spreadings import ElfouhailySpreading, IttcSpreading, Spreading
-from .statistics import (
-    SlopeSpectrum,
-    unresolved_slope_variance,
-)
+from .statistics import SlopeSpectrum, unresolved_slope_variance
 from .surface import FlatSea, Surface
 from .waves import WaveComponents, flat_components, wavenumber, wavenumber_in_current
 

@@ -29,14 +29,7 @@ from meshtrace.engine.chains.sets import (
     blocks_of,
     levels,
 )
-from meshtrace.engine.choice import (
-    LITTLE,
-    PILOT,
-    Pilot,
-    allotment,
-    pilot_statistics,
-    returned_gain,
-)
+from meshtrace.engine.choice import LITTLE, PILOT, Pilot, allotment, pilot_statistics, returned_gain
 from meshtrace.engine.crossing import FLAT, ROOT
 from meshtrace.engine.setup.ends import ForcedLink, forced_link, require_chains
 from meshtrace.engine.setup.options import IrradianceMap

@@ -253,13 +253,13 @@ class ForcedDetection:
         link, sampled = self.arrays, list[tuple[int, int]]()
         orders = max((request.order for request in self.plan.chains), default=0) + 1
         gains = Gains.zeros(aimed.wavelengths, lamps * len(self.method), orders)
-        # slopes too narrow for an integral are sampled; extended sources are summed anyway
-        # Chains without scatterings cross the surface, and show nothing of what it mirrors: there
-        # such narrow slopes are left out.
+        # Slopes too narrow for an integral are sampled by chains without scatterings; extended
+        # sources are summed anyway. Such chains cross the surface, and show nothing of what it
+        # mirrors: for ends on one side slopes so narrow are left out.
         integrated = link.reflects or not aimed.sampled
         exact = [p for p in link.pairs if integrated or link.sizes[p[0]] > 0.0]
         dark = [pair for pair in link.pairs if pair not in exact]
-        unscattered = MIRRORED if link.reflects else DIRECT
+        part = MIRRORED if link.reflects else DIRECT
         served = [pair for pair in link.pairs if self.method[link.receiver(*pair)] == "chains"]
         chain_jobs = parts.chain_jobs(served, self.scattered_sets)
         # without chains and joined photons, whose groups scatter far more, see `add_direct`
@@ -275,7 +275,7 @@ class ForcedDetection:
             # the error where a view ends within the aperture counts even beside chains
             in_groups = alone or aimed.meets_rim(*pair)
             place, gain = self._place(*pair, lamps), link.share(*pair) * gain
-            gains.add_direct(place, gain, error, in_groups, unscattered)
+            gains.add_direct(place, gain, error, in_groups, part)
             cut_short += aimed.is_cut_short(*pair)
             # an extended source is sampled at random points, with a value for each shift
             if gain.shape[-1] > 1:

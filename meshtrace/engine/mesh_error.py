@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -47,13 +46,6 @@ _RANDOM_SLOPES = 4.0  # standard deviations of random slopes; a Gaussian of two 
 _LIT_SLOPES = 4.5  # standard deviations of slopes that `Link.lit_patch` covers
 _BESIDE = 2  # lines of margin beyond the light
 _PLANE = 1e-12  # largest difference of the normals of a plane: rounding
-
-
-class _Sheet(NamedTuple):
-    """Points and normals of a grid, shapes (nx, ny, 3)."""
-
-    points: Floats
-    normals: Floats
 
 
 def with_mesh_errors(
@@ -155,7 +147,7 @@ def relative_mesh_error(
 
 
 def _compare(
-    arrays: ForcedLink, sheet: _Sheet, gains: Callable[[ForcedLink, _Sheet], tuple[Floats, bool]]
+    arrays: ForcedLink, sheet: Floats, gains: Callable[[ForcedLink, Floats], tuple[Floats, bool]]
 ) -> tuple[Floats, Floats]:
     """Return the relative change of unscattered light over `_DIVISOR`, and the light itself."""
     fine, blurred = gains(arrays, sheet)
@@ -165,8 +157,7 @@ def _compare(
     # agree by chance, nor after three (-1); always after four (inf).
     enough = (_BLURRED if blurred else -1.0), _LITTLE, -1.0, math.inf
     for (i, j), little in zip(_STARTS, enough, strict=True):
-        second = _Sheet(sheet.points[i::2, j::2], sheet.normals[i::2, j::2])
-        coarse.append(gains(arrays, second)[0])
+        coarse.append(gains(arrays, sheet[:, i::2, j::2])[0])
         # light that only the coarse meshes see counts too
         scale = np.maximum(fine, np.mean(coarse, axis=0))
         change = np.sqrt(np.mean(np.square(np.array(coarse) - fine), axis=0)) / _DIVISOR
@@ -177,14 +168,14 @@ def _compare(
 
 
 def _unscattered(
-    link: ForcedLink, sheet: _Sheet, slopes: UnresolvedSlopes | None, normals: str, physics: str
+    link: ForcedLink, sheet: Floats, slopes: UnresolvedSlopes | None, normals: str, physics: str
 ) -> tuple[Floats, bool]:
     """Return the unscattered gain of each receiver through a sheet, and whether slopes blur it.
 
     Light starts at the centres of the sources. `slopes` are the random ones, `physics` their use
     (`Physics.unresolved`). Random slopes too narrow to be integrated over are left out.
     """
-    mesh = mesh_of_sheet(sheet.points, sheet.normals, slopes)
+    mesh = mesh_of_sheet(*sheet, slopes)
     aimed = AimedChains(link, mesh, normals, physics)
     gains = np.zeros((len(link.emitters), len(link.targets)))
     for e, t in link.pairs:
@@ -194,16 +185,16 @@ def _unscattered(
     return link.by_receiver(gains), aimed.blurred
 
 
-def _sheet(mesh: TriangleMesh) -> _Sheet | None:
-    """Return the grid of a mesh by `triangulate`; None for another mesh."""
+def _sheet(mesh: TriangleMesh) -> Floats | None:
+    """Return points and normals (2, nx, ny, 3) of a mesh by `triangulate`, None of another."""
     shape = grid_shape(mesh)
     # every second of four lines leaves two, one cell
     if shape is None or min(shape) < 4:
         return None
-    return _Sheet(*(values.reshape(*shape, 3) for values in (mesh.vertices, mesh.vertex_normals)))
+    return np.stack([mesh.vertices, mesh.vertex_normals]).reshape(2, *shape, 3)
 
 
-def _patch(link: Link, mesh: TriangleMesh, sheet: _Sheet) -> _Sheet:
+def _patch(link: Link, mesh: TriangleMesh, sheet: Floats) -> Floats:
     """Return the part of a sheet where unscattered light can cross to a receiver."""
     # `lit_patch` covers 4.5 standard deviations of the slope that it is given: a 4.5th of the
     # steepest slope makes it cover just that
@@ -213,12 +204,12 @@ def _patch(link: Link, mesh: TriangleMesh, sheet: _Sheet) -> _Sheet:
     lines = []
     for axis in (0, 1):
         # lines of a turned or graded grid are not equally spaced: each one's own range decides
-        values = sheet.points[..., axis]
+        values = sheet[0, ..., axis]
         low, high = values.min(axis=1 - axis), values.max(axis=1 - axis)
         inside = np.flatnonzero((high >= center[axis] - half) & (low <= center[axis] + half))
         first, last = (inside[0], inside[-1]) if len(inside) else (0, len(low) - 1)
         lines.append(slice(max(first - _BESIDE, 0), last + _BESIDE + 1))
-    return _Sheet(*(values[lines[0], lines[1]] for values in sheet))
+    return sheet[:, lines[0], lines[1]]
 
 
 def _facing(arrays: ForcedLink, receiver: int) -> ForcedLink:

@@ -207,10 +207,10 @@ class Planner:
         if orders is None or self.scattered == "joined":
             every = np.ones(len(self._piloted), bool)
             method: list[Method] = ["joined"] * len(self._piloted)
-            # analog photons hardly hit what lies on their own side
-            alone = self.scattered == "auto" and len(self.shared.links) == 1
-            alone = alone and not self.arrays.reflects
-            photons = self._pilot_photons(every, []) if alone else None
+            # analog photons follow one wavelength, and hardly hit what lies on their own side
+            analog = self.scattered == "auto" and len(self.shared.links) == 1
+            analog = analog and not self.arrays.reflects
+            photons = self._pilot_photons(every, []) if analog else None
             if photons is not None:
                 gains = photons.evaluate(self._still_water())
                 pilot = choice.ScatteredPilot.of_photons(gains)
@@ -226,6 +226,7 @@ class Planner:
             # over such slopes. Chains are still allotted to the orders by pilots over smooth water.
             surfaces.append(self.aim_over(still).at_wavelengths(shared))
         pilots = self.pilots(surfaces, orders)
+        # smooth still water at the wavelength of the base, and the last surface at all wavelengths
         chained, compared = pilots[0][0], pilots[-1]
         # the wavelength that scatters most is the hardest one for chains
         most = 0 if len(compared) == 1 else int(np.argmax(shared.ratios))
@@ -406,7 +407,8 @@ class Planner:
         every = [r for r, name in enumerate(method) if name != "analog"]
         joined = [r for r in every if method[r] == "joined"]
         reflects = self.scattered != "chains" and self.link.physics.reflected == "trace"
-        reflects = reflects and not self.arrays.reflects  # such light is no part of its own there
+        # between ends on one side all unscattered light is reflected first, and has its own part
+        reflects = reflects and not self.arrays.reflects
         water, gain = self.link.water, comparison.still_gain
         # where chains serve they bring all light of first crossings: photons score from the second
         crossings = [1 if name == "joined" else 2 for name in method]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from meshtrace.engine.chains import microfacets, unscattered
+from meshtrace.engine.chains import microfacets, random_slopes, unscattered
 from meshtrace.engine.chains.gain import straight_factors
 from meshtrace.engine.crossing import acceptance, aim_at, is_steep, straight_shot, transmittance
 from meshtrace.kernels.interface import corners, exposure, normal_at
@@ -260,7 +260,7 @@ def blurred_map(scene, cells, longer, stretch, most, across, rules, colours, gai
         # An aperture where that light lands. The slopes that refract light there tell the number of
         # parts, since light is brightest there.
         here = unscattered.aperture_at(Vec3(center.x + x, center.y + y, center.z), scene)
-        change, _ = microfacets.slope_change(f, a, b, c, here)
+        change, _ = random_slopes.slope_change(f, a, b, c, here)
         if math.isinf(change) and not m.ok:
             change = 0.0  # light is reflected there
         parts = max(change / microfacets.PART_SLOPE, 2.0 * facet.radius / edge, 1.0) / longer
@@ -292,17 +292,17 @@ def _cells_in_reach(p, way, m, f, size, most, cells, scene):
         # Totally reflected by the mesh: random slopes may still let light pass. `most` is also the
         # size of a cell in deviations of the light. Cells smaller than a spot can be tested one by
         # one, see `_reached`.
-        if most < microfacets.MOST_SLOPE:
+        if most < random_slopes.MOST_SLOPE:
             return _reached(p, n, w, length, size, most, cells, scene)
         return whole
-    ok, g11, g12, g21, g22 = microfacets.slope_gradient(
+    ok, g11, g12, g21, g22 = random_slopes.slope_gradient(
         p, n, w, length, m.at, Vec2(1.0, 0.0), step, scene
     )
     det = g11 * g22 - g12 * g21
     if not ok or det == 0.0:
         return whole
     # bounding box of the ellipse |G x| <= MOST_SLOPE, as in `microfacets._spot`
-    reach = microfacets.BENT * microfacets.MOST_SLOPE / abs(det)
+    reach = microfacets.BENT * random_slopes.MOST_SLOPE / abs(det)
     dx = reach * math.sqrt(g12 * g12 + g22 * g22) + size
     dy = reach * math.sqrt(g11 * g11 + g21 * g21) + size
     square = g11 * g11 + g12 * g12 + g21 * g21 + g22 * g22
@@ -330,7 +330,7 @@ def _reached(p, n, w, length, size, most, cells, scene):
     for i in range(cells.n):
         for j in range(cells.n):
             at = Vec2(cells.x + (i + 0.5) * cells.step, cells.y + (j + 0.5) * cells.step)
-            if microfacets.slope_towards(p, n, w, w, length, at, scene).density > 0.0:
+            if random_slopes.slope_towards(p, n, w, w, length, at, scene).density > 0.0:
                 west, east = min(west, i - pad), max(east, i + pad)
                 south, north = min(south, j - pad), max(north, j + pad)
     last = cells.n - 1
@@ -376,7 +376,7 @@ def _blur(pencil, x, y, cells, across, rules, scene):
     for k in range(across * across):
         i, j = k // across, k % across
         goal = Vec2(x + cells.step * nodes[i], y + cells.step * nodes[j])
-        s = microfacets.slope_towards(middle, normal, w, w, pencil.length, goal, scene)
+        s = random_slopes.slope_towards(middle, normal, w, w, pencil.length, goal, scene)
         if s.density > 0.0:
             share = acceptance(s.aim, middle, scene.target, scene.interface.fov)
             if share > 0.0 and (is_steep(s.aim, scene) or _free(middle, s.aim, scene)):

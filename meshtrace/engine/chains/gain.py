@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine import crossing
-from meshtrace.engine.chains.microfacets import slope_towards, whitened
+from meshtrace.engine.chains.random_slopes import slope_towards, whitened
 from meshtrace.engine.chains.unscattered import aperture_at
 from meshtrace.engine.crossing import is_steep
 from meshtrace.kernels.bodies import is_hidden

@@ -32,14 +32,19 @@ from numpy.typing import NDArray
 
 from meshtrace.engine import crossing
 from meshtrace.engine.chains import unscattered
-from meshtrace.kernels.interface import (
-    FieldOfView,
-    exposure,
-    mirror_reflectance,
-    normal_at,
-    over_gaussian,
-    reflectance,
+from meshtrace.engine.chains.random_slopes import (
+    MOST_SLOPE,
+    indices,
+    normal_from_source,
+    normal_to,
+    slope_change,
+    slope_gradient,
+    slope_to,
+    slope_towards,
+    variation,
+    whitened,
 )
+from meshtrace.kernels.interface import FieldOfView, exposure, normal_at
 from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.sources import (
@@ -70,8 +75,6 @@ from meshtrace.kernels.vectors import (
 # a radius of 3 m, (beam) a Gaussian beam of 1 degree, (hat) a top hat of 2 degrees. _FINEST,
 # _LENS_SHARE and _NEAR changed none of the four by 1e-9. `aimed.LEAST_ERROR` covers the sum. The
 # line below a constant has the more careful value, and what that changed.
-MOST_SLOPE = 5.0  # standard deviations: 4e-6 of the light meets larger random slopes
-# 6.0: led 3e-6; view 2e-6, x 1.3
 PART_SLOPE = 0.7  # standard deviations by which the slope may change over a part of a facet
 # 0.35: led 2e-4, x 1.6; view 2e-5, x 3.1; hat 1e-5
 PART_BEAM = 0.2  # longest edge of a part over the width of the beam at still water
@@ -121,108 +124,6 @@ _CLIPPED = 2.0 * MOST_SLOPE  # size of slopes beyond which a change cuts no part
 _BESIDE, _MEETS_RIM, _INSIDE = 0, 1, 2  # place of the light of a part on the aperture
 _LITTLE = 1e-9  # number of parts that stands for "light, but no cut": 0 means no light
 _NODES = np.int64(2**24)  # steps along an edge of a facet: 24 halvings stay whole numbers
-
-
-class Slope(NamedTuple):
-    """Random slope that refracts light to a point; infinite, of density 0, where none does."""
-
-    along: float  # the wind, in standard deviations
-    across: float  # the wind, in standard deviations
-    tilt: Vec2  # the same slope along x and y, in addition to that of the mesh
-    density: float  # of landing points [m-2], without the factor `exposure`
-    aim: crossing.Aim
-
-
-@inlined
-def whitened(roughness, tilt):
-    """Return a slope along and across the wind in standard deviations.
-
-    Array twin: the inverse of `slope_tilt`.
-    """
-    return Vec2(
-        (roughness.cos * tilt.x + roughness.sin * tilt.y) / roughness.along,
-        (roughness.cos * tilt.y - roughness.sin * tilt.x) / roughness.across,
-    )
-
-
-@inlined
-def _normal_from_source(p, goal, scene):
-    """Return `_normal_to` for light straight from the source."""
-    way = minus(p, scene.emitter.position)
-    return _normal_to(p, scaled(1.0 / norm(way), way), goal, scene)
-
-
-@inlined
-def _normal_to(p, d, goal, scene):
-    """Return (N, r, flight); N = n_w d - n_a r is normal to the facet that bends d to a point.
-
-    The point is `goal` on the plane of the aperture, r the direction to it, `flight` its distance.
-    A facet that reflects has the normal d - r, as if both indices were 1.
-    """
-    target = scene.target
-    n_before, n_behind = indices(scene)
-    at = along(along(target.center, target.e1, goal.x), target.e2, goal.y)
-    way = minus(at, p)
-    flight = norm(way)
-    r = scaled(1.0 / flight, way)
-    big = along(scaled(n_before, d), r, -n_behind)
-    # Into the denser side N points against the light; facets are known by their upward normals.
-    against = scene.mirrored and not scene.reflects
-    return scaled(-1.0, big) if against else big, r, flight
-
-
-@inlined
-def indices(scene):
-    """Return the weights of the directions before and behind a facet in its normal, `_normal_to`.
-
-    Array twin: none, a choice.
-    """
-    if scene.reflects:
-        return 1.0, 1.0
-    return scene.medium.n_water, scene.medium.n_air
-
-
-@outlined
-def slope_towards(p, n, w, d, length, goal, scene):
-    """Return the `Slope` that refracts or reflects light at P to a point of the aperture's plane.
-
-    Array twin: `crossing.land` of the tilted normal, and its derivatives by the tilt.
-    n is the normal of the mesh, w the direction of emission, d that of arrival.
-    """
-    # Walter et al. (2007), eqs. 13 and 16: the half vector, of refraction n_w d - n_a r and of
-    # reflection d - r, is along the normal.
-    big, r, flight = _normal_to(p, d, goal, scene)
-    size = norm(big)
-    cos_i, cos_t = dot(big, d) / size, dot(big, r) / size
-    aim = crossing.Aim(False, goal, w, d, r, 1.0, length, flight)
-    unreachable = Slope(math.inf, math.inf, Vec2(0.0, 0.0), 0.0, aim)
-    bends = cos_t < 0.0 if scene.reflects else cos_t > 0.0
-    if big.z <= 0.0 or not bends or dot(r, scene.target.axis) <= 1e-9:
-        return unreachable
-    # slope of the required normal, -N_xy / N_z, less that of the mesh, -n_xy / n_z
-    tilt = Vec2(n.x / n.z - big.x / big.z, n.y / n.z - big.y / big.z)
-    roughness = scene.surface.roughness
-    u = whitened(roughness, tilt)
-    square = u.x * u.x + u.y * u.y
-    if square > MOST_SLOPE * MOST_SLOPE:
-        return unreachable
-    # dr/dx = (e - r (r.e)) / flight for either axis e of the aperture; k has all factors but a, b
-    k = indices(scene)[1] / (flight * big.z * big.z)
-    a = along(scene.target.e1, r, -dot(r, scene.target.e1))
-    b = along(scene.target.e2, r, -dot(r, scene.target.e2))
-    # s = -N_xy / N_z with dN = -n_a dr: ds = n_a (dr_xy N_z - N_xy dr_z) / N_z^2
-    det = (a.x * big.z - big.x * a.z) * (b.y * big.z - big.y * b.z)
-    det -= (a.y * big.z - big.y * a.z) * (b.x * big.z - big.x * b.z)
-    # Density of slopes times |det ds/dx|, the density of landing points [m-2].
-    density = math.exp(-0.5 * square) / (2.0 * math.pi * roughness.along * roughness.across)
-    density *= over_gaussian(roughness.series, u.x, u.y)
-    rho = 1.0
-    if not scene.reflects:
-        rho = reflectance(cos_i, cos_t, scene.medium.n_water, scene.medium.n_air)
-    else:
-        rho = mirror_reflectance(cos_i, scene.medium.n_water, scene.medium.n_air)
-    aim = crossing.Aim(True, goal, w, d, r, rho, length, flight)
-    return Slope(u.x, u.y, tilt, density * k * k * abs(det), aim)
 
 
 class Rule(NamedTuple):
@@ -320,7 +221,7 @@ def blurred_gain(scene, rule, blocks, stack, coarse, work, gain):
 
 @inlined
 def _turn_within(p, h, scene):
-    """Return (bounded, N, turn): |N - N(P)| <= turn, see `_normal_to`, within a distance h of P.
+    """Return (bounded, N, turn): |N - N(P)| <= turn, see `normal_to`, within a distance h of P.
 
     Array twin: `may_shine` of facets there.
     Directions turn by at most h / (D - h), D the distance of the source or of the aperture. Not
@@ -328,7 +229,7 @@ def _turn_within(p, h, scene):
     """
     way = minus(p, scene.emitter.position)
     length = norm(way)
-    big, _, flight = _normal_to(p, scaled(1.0 / length, way), Vec2(0.0, 0.0), scene)
+    big, _, flight = normal_to(p, scaled(1.0 / length, way), Vec2(0.0, 0.0), scene)
     # any point of the aperture may be aimed at: it adds to the turn of r
     wide = h + scene.target.radius
     if h >= length or wide >= flight:
@@ -475,7 +376,7 @@ def _parts_along(part, rule, scene):
     # Slopes to the rim of the aperture differ from those to its centre by twice what vertical light
     # needs:
     # ds = n dr / N_z, dr = radius / flight, in the smaller standard deviation.
-    big, _, flight = _normal_from_source(p, Vec2(0.0, 0.0), scene)
+    big, _, flight = normal_from_source(p, Vec2(0.0, 0.0), scene)
     rough, n = scene.surface.roughness, max(*indices(scene))
     narrow = min(rough.along, rough.across)
     rim = 2.0 * n * scene.target.radius / (flight * max(big.z, 1e-9) * narrow)
@@ -551,21 +452,14 @@ def _clipped_change(f, p, q, r, scene):
             _clipped(q, f, goal, scene),
             _clipped(r, f, goal, scene),
         )
-        change = max(change, _variation(u, v, w))
+        change = max(change, variation(u, v, w))
     return math.sqrt(change)
-
-
-@inlined
-def _variation(u, v, w):
-    """Return the square of the largest difference between three slopes."""
-    a, b, c = minus2(u, v), minus2(v, w), minus2(w, u)
-    return max(dot2(a, a), dot2(b, b), dot2(c, c))
 
 
 @inlined
 def _clipped(p, f, goal, scene):
     """Return the random slope at P that refracts light to a point, at most `_CLIPPED` in size."""
-    u, _ = _slope_to(p, f, goal, scene)
+    u, _ = slope_to(p, f, goal, scene)
     # Far beyond `MOST_SLOPE` there is no light, and a change there must not cut parts.
     share = min(_CLIPPED / max(math.sqrt(dot2(u, u)), 1e-12), 1.0)
     return Vec2(share * u.x, share * u.y)
@@ -603,38 +497,6 @@ def _share_in_view(p, q, r, goal, scene):
     # similar triangles: the edges from corner a are cut at a / (a - b) and a / (a - c)
     corner = a * a / ((a - b) * (a - c))
     return corner if seen == 1 else 1.0 - corner
-
-
-@outlined
-def slope_change(f, p, q, r, scene):
-    """Return (largest difference, least size) of the slopes needed at three points of a facet.
-
-    Array twin: see `slope_towards`.
-    Slopes to the centre of the aperture, in standard deviations; infinite if none refracts light to
-    it at a point.
-    """
-    u, v, w = _needed(p, f, scene), _needed(q, f, scene), _needed(r, f, scene)
-    square = _variation(u, v, w)
-    least = math.sqrt(min(dot2(u, u), dot2(v, v), dot2(w, w)))
-    return math.sqrt(square) if square < math.inf else math.inf, least
-
-
-@inlined
-def _needed(p, f, scene):
-    """Return the random slope at P on a facet that refracts light to the centre of the aperture."""
-    u, rise = _slope_to(p, f, Vec2(0.0, 0.0), scene)
-    return u if rise > 0.0 else Vec2(math.inf, math.inf)
-
-
-@inlined
-def _slope_to(p, f, goal, scene):
-    """Return the random slope at P that refracts light to a point, and the rise of its normal."""
-    n = normal_at(p.x, p.y, f, scene.surface)
-    big, _, _ = _normal_from_source(p, goal, scene)
-    # N_z <= 0, "the rise": no facet that faces up refracts there, a huge slope stands for it
-    steep = max(big.z, 1e-9)
-    tilt = Vec2(n.x / n.z - big.x / steep, n.y / n.z - big.y / steep)
-    return whitened(scene.surface.roughness, tilt), big.z
 
 
 class Pencil(NamedTuple):
@@ -712,26 +574,6 @@ class Spot(NamedTuple):
     half_y: float
     sigma_t: float  # standard deviation along t at a fixed y [m]
     sigma_y: float  # along y at a fixed t
-
-
-@outlined
-def slope_gradient(p, n, w, length, at, ahead, step, scene):
-    """Return (ok, du/dt, du/dy, dv/dt, dv/dy), the change of a `Slope` with its landing point.
-
-    Array twin: finite differences of `slope_towards`.
-    [m-1], u and v along and across the wind; t is along the unit vector `ahead` on the plane of the
-    aperture, y to the left of it. Forward differences over `step` from the point `at`; not ok where
-    one of the three points is out of reach. n, w, length: see `slope_towards`.
-    """
-    x = Vec2(at.x + step * ahead.x, at.y + step * ahead.y)
-    z = Vec2(at.x - step * ahead.y, at.y + step * ahead.x)
-    o = slope_towards(p, n, w, w, length, at, scene)
-    a = slope_towards(p, n, w, w, length, x, scene)
-    b = slope_towards(p, n, w, w, length, z, scene)
-    if math.isinf(o.along) or math.isinf(a.along) or math.isinf(b.along):
-        return False, 0.0, 0.0, 0.0, 0.0
-    g11, g12 = (a.along - o.along) / step, (b.along - o.along) / step
-    return True, g11, g12, (a.across - o.across) / step, (b.across - o.across) / step
 
 
 @outlined

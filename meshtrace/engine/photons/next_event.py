@@ -41,7 +41,7 @@ import math
 import numpy as np
 
 from meshtrace.engine import crossing
-from meshtrace.engine.chains.microfacets import slope_towards
+from meshtrace.engine.chains.random_slopes import slope_towards
 from meshtrace.engine.photons import targets
 from meshtrace.engine.photons.flight import heading, place
 from meshtrace.engine.photons.in_medium import join_straight

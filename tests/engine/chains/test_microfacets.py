@@ -11,7 +11,7 @@ from scipy.stats import norm as normal
 
 import meshtrace as mt
 from meshtrace.engine import crossing
-from meshtrace.engine.chains import aimed, microfacets
+from meshtrace.engine.chains import aimed, microfacets, random_slopes
 from meshtrace.kernels import interface, jit, vectors
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.surfaces import FlatSea
@@ -27,7 +27,7 @@ def towards(p, mesh_slope, goal, scene):
     w = vectors.scaled(1.0 / vectors.norm(way), way)
     size = math.sqrt(1.0 + mesh_slope[0] ** 2 + mesh_slope[1] ** 2)
     n = vectors.scaled(1.0 / size, vectors.Vec3(-mesh_slope[0], -mesh_slope[1], 1.0))
-    s = microfacets.slope_towards(
+    s = random_slopes.slope_towards(
         at, n, w, w, vectors.norm(way), vectors.Vec2(goal[0], goal[1]), scene
     )
     return s.tilt.x, s.tilt.y, s.density, s.aim.rho, s.aim.flight
@@ -49,7 +49,7 @@ def landing(p, slope_x, slope_y, scene):
 @jit.allocating_entry
 def there_and_back(roughness, x, y):
     """Return a slope after `slope_tilt` and `whitened`."""
-    u = microfacets.whitened(roughness, interface.slope_tilt(roughness, x, y))
+    u = random_slopes.whitened(roughness, interface.slope_tilt(roughness, x, y))
     return u.x, u.y
 
 
