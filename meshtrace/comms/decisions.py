@@ -459,17 +459,8 @@ def compound_poisson_decision(
     unbranched = 1.0 - branching  # response of one avalanche over that of one count
     # mean where all bits are ones, the highest one [s-1]
     top = low + (high - low) * float(filters.mean_step(bit_time * removed.size))
-    # Campbell's theorem: variance r F int g^2, F = 1 / (1 - lam)
-    spread = math.sqrt(top * filters.noise_energy / unbranched)
-    # the lattice reaches from -below to `reach` [s-1]
     below = 8.0 * thermal_std + float(removed.sum())
-    # The FFT is periodic, and what lies beyond an end comes back at the other: room for 12
-    # deviations of shot noise, 30 avalanches at their peak and 8 deviations of thermal noise.
-    reach = top + 12.0 * spread + 30.0 * unbranched * filters.peak + 8.0 * thermal_std
-    step = (reach + below) / _POINTS
-    peak_steps = unbranched * filters.peak / step
-    # the peak of a single avalanche becomes a whole number of steps, or stays below one
-    step *= peak_steps / max(math.floor(peak_steps), min(peak_steps, 1.0))
+    step = _lattice_step(below, top, filters, unbranched, thermal_std)
     frequency = 2.0 * math.pi * np.fft.rfftfreq(_POINTS, step)
     borel = _borel(branching)
     # lattice point j stands for the amplitudes between its edges j - 1/2 and j + 1/2: lower edges
@@ -514,6 +505,21 @@ def compound_poisson_decision(
     ber = max(0.5 * float(missed[index] + false[index]), 0.0)  # rounding may leave it below 0
     # half a step below that point, less the shift
     return ber, (index - 0.5 - math.ceil(below / step)) * step
+
+
+def _lattice_step(
+    below: float, top: float, filters: PulseFilters, unbranched: float, thermal_std: float
+) -> float:
+    """Return the step of a lattice of amplitudes that begins at -below, all in s-1."""
+    # Campbell's theorem: variance r F int g^2, F = 1 / (1 - lam)
+    spread = math.sqrt(top * filters.noise_energy / unbranched)
+    # The FFT is periodic, and what lies beyond an end comes back at the other: room for 12
+    # deviations of shot noise, 30 avalanches at their peak and 8 deviations of thermal noise.
+    reach = top + 12.0 * spread + 30.0 * unbranched * filters.peak + 8.0 * thermal_std
+    step = (reach + below) / _POINTS
+    peak_steps = unbranched * filters.peak / step
+    # the peak of a single avalanche becomes a whole number of steps, or stays below one
+    return step * (peak_steps / max(math.floor(peak_steps), min(peak_steps, 1.0)))
 
 
 def _borel(branching: float) -> Floats:

@@ -166,18 +166,9 @@ def fit_gamma_gamma(
     >>> round(fit.scintillation_index, 2)  # the law has 0.875
     0.86
     """
-    from meshtrace.fading.laws import SAMPLES_TIMES_SI, gamma_gamma_likelihood
+    from meshtrace.fading.laws import likeliest_gamma_gamma
 
-    g = _fit_sample(gain, gain_stderr)
-    best = gamma_gamma_likelihood(g, n_effective)
-    return DistributionFit(
-        "gamma-gamma",
-        {"alpha": best.alpha, "beta": best.beta, "mean": best.mean},
-        g.size,
-        3 if best.known >= SAMPLES_TIMES_SI else 2,
-        best.log_likelihood,
-        _gamma_gamma_note(best.known, best.balance),
-    )
+    return likeliest_gamma_gamma(_fit_sample(gain, gain_stderr), n_effective)
 
 
 @check_call
@@ -256,19 +247,3 @@ def _fit_sample(gain: ArrayLike, gain_stderr: ArrayLike | None) -> Floats:
         reason = Described("no variance above the Monte Carlo noise")
         raise Refused("gain", reason, "gains that vary")
     return g
-
-
-def _gamma_gamma_note(known: float, balance: float) -> str:
-    """Return the remark on a fit, for the fields of `laws.Likelihood`."""
-    from meshtrace.fading.laws import LEAST_BALANCE, SAMPLES_TIMES_SI
-
-    if known < SAMPLES_TIMES_SI:
-        return (
-            f"alpha and beta cannot be separated: n ln(1 + SI) = {known:.3g}, required "
-            f"{SAMPLES_TIMES_SI:.0f}; fitted with alpha = beta, for the scintillation index only"
-        )
-    if balance > 1.0 - 1e-6:
-        return "alpha = beta fits best; ln(gain) is less skewed than in any gamma-gamma law"
-    if balance < 1.01 * LEAST_BALANCE:
-        return "alpha at its limit of 1000 beta: a gamma law of shape beta"
-    return ""

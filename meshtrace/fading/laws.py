@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import interpolate, optimize, special, stats
 
+from meshtrace.fading.fits import DistributionFit
 from meshtrace.models import Floats
 
 # Least n ln(1 + SI) at which the shapes can be separated. With sigma^2 = ln(1 + SI) the skewness of
 # ln h spans sigma / 2 over the gamma-gamma laws of one scintillation index, and its standard error
 # is sqrt(6 / n): the span is two standard errors at n sigma^2 = 96.
-SAMPLES_TIMES_SI = 96.0
+_SAMPLES_TIMES_SI = 96.0
 # 4 alpha beta / (alpha + beta)^2 at alpha = 1000 beta, where the law is a gamma law in effect
-LEAST_BALANCE = 4.0 * 1e3 / 1001.0**2
+_LEAST_BALANCE = 4.0 * 1e3 / 1001.0**2
 
 
 class GammaGamma(stats.rv_continuous):
@@ -70,30 +71,15 @@ class GammaGamma(stats.rv_continuous):
         return factors if size else float(factors[0])
 
     def fit(self, data: ArrayLike, *args: Any, **kwds: Any) -> tuple[float, float, float, float]:
-        """Return the maximum-likelihood (alpha, beta, 0, mean); see `gamma_gamma_likelihood`."""
-        best = gamma_gamma_likelihood(np.asarray(data, dtype=np.float64))
-        return best.alpha, best.beta, 0.0, best.mean
+        """Return the maximum-likelihood (alpha, beta, 0, mean); see `likeliest_gamma_gamma`."""
+        best = likeliest_gamma_gamma(np.asarray(data, dtype=np.float64)).parameters
+        return best["alpha"], best["beta"], 0.0, best["mean"]
 
 
 gamma_gamma = GammaGamma(a=0.0, name="gamma_gamma", shapes="alpha, beta")
 
 
-class Likelihood(NamedTuple):
-    """Maximum-likelihood shapes and mean, log-likelihood, and what the gains tell of the shapes.
-
-    `known` is n ln(1 + SI), which has to reach `SAMPLES_TIMES_SI` to separate the shapes;
-    `balance` is 4 alpha beta / (alpha + beta)^2.
-    """
-
-    alpha: float
-    beta: float
-    mean: float
-    log_likelihood: float
-    known: float
-    balance: float
-
-
-def gamma_gamma_likelihood(gain: Floats, n_effective: float | None = None) -> Likelihood:
+def likeliest_gamma_gamma(gain: Floats, n_effective: float | None = None) -> DistributionFit:
     """Maximise the gamma-gamma likelihood of positive gains, with their moments as first guess.
 
     Parameters
@@ -113,7 +99,7 @@ def gamma_gamma_likelihood(gain: Floats, n_effective: float | None = None) -> Li
     log_h = np.log(gain / gain.mean())
     second = float(np.mean(np.exp(2.0 * log_h)))  # E h^2 = 1 + SI
     known = (gain.size if n_effective is None else n_effective) * math.log(second)
-    free, log_si = known >= SAMPLES_TIMES_SI, math.log(second - 1.0)  # free: alpha != beta
+    free, log_si = known >= _SAMPLES_TIMES_SI, math.log(second - 1.0)  # free: alpha != beta
     balance = _moment_balance(second, float(np.mean(np.exp(3.0 * log_h)))) if free else 1.0
     sigma = math.sqrt(math.log1p(math.exp(log_si)))
     nodes, weights = _likelihood_nodes(log_h)
@@ -129,17 +115,25 @@ def gamma_gamma_likelihood(gain: Floats, n_effective: float | None = None) -> Li
         [0.0, log_si, balance],
         method="SLSQP",  # as exact here as L-BFGS-B, which BLAS threads slow down on a busy machine
         jac="3-point",
-        bounds=[(-1.0, 1.0), (log_si - 3.0, log_si + 3.0), (LEAST_BALANCE if free else 1.0, 1.0)],
+        bounds=[(-1.0, 1.0), (log_si - 3.0, log_si + 3.0), (_LEAST_BALANCE if free else 1.0, 1.0)],
         options={"finite_diff_rel_step": 1e-4, "ftol": 1e-11},
     )
-    return Likelihood(
-        *_shapes(best.x[1], best.x[2]),
-        mean=float(gain.mean()) * math.exp(best.x[0] * math.sqrt(math.log(second))),
-        # the density of the gain is that of h = gain / mean, divided by the mean gain
-        log_likelihood=-float(best.fun) * log_h.size - gain.size * math.log(gain.mean()),
-        known=known,
-        balance=float(best.x[2]),
-    )
+    note, (alpha, beta) = "", _shapes(best.x[1], best.x[2])
+    if not free:
+        note = (
+            f"alpha and beta cannot be separated: n ln(1 + SI) = {known:.3g}, required "
+            f"{_SAMPLES_TIMES_SI:.0f}; fitted with alpha = beta, for the scintillation index only"
+        )
+    elif best.x[2] > 1.0 - 1e-6:
+        note = "alpha = beta fits best; ln(gain) is less skewed than in any gamma-gamma law"
+    elif best.x[2] < 1.01 * _LEAST_BALANCE:
+        note = "alpha at its limit of 1000 beta: a gamma law of shape beta"
+    mean = float(gain.mean()) * math.exp(best.x[0] * math.sqrt(math.log(second)))
+    # the density of the gain is that of h = gain / mean, divided by the mean gain
+    log_likelihood = -float(best.fun) * log_h.size - gain.size * math.log(gain.mean())
+    parameters = {"alpha": alpha, "beta": beta, "mean": mean}
+    n_free = 3 if free else 2
+    return DistributionFit("gamma-gamma", parameters, gain.size, n_free, log_likelihood, note)
 
 
 def _law_by_law(
