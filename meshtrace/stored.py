@@ -72,7 +72,7 @@ _HOMES = {
     "markov-channel": "meshtrace.apps.channels",
     "transformed-gaussian": "meshtrace.apps.channels",
     "performance": "meshtrace.studies.performance",
-    "depth-sweep": "meshtrace.studies.performance",
+    "depth-sweep": "meshtrace.studies.depths",
     "convergence": "meshtrace.studies.convergence",
     "design": "meshtrace.apps.designs.page",
     "inference": "meshtrace.apps.inference",
@@ -81,7 +81,7 @@ _HOMES = {
     "sensitivity": "meshtrace.studies.sensitivity",
     "availability": "meshtrace.studies.planning",
     "measured": "meshtrace.apps.measured",
-    "fading-convergence": "meshtrace.studies.convergence",
+    "fading-convergence": "meshtrace.studies.fading_convergence",
 }
 """Module that defines the result of each kind, imported when a file holds one."""
 

@@ -25,7 +25,7 @@ from trame_vtk.tools.vtksz2html import write_html
 from vtkmodules import vtkIOXML
 
 from meshtrace.engine.paths import PhotonPaths
-from meshtrace.engine.photons.flight import Vertex
+from meshtrace.engine.photons.state import Vertex
 from meshtrace.errors import Described, Refused
 from meshtrace.files import atomic
 from meshtrace.link import Body

@@ -19,7 +19,8 @@ from .marks import along, axes, curves, finished, lines, note, variable
 from .style import INK, label_of, verbatim
 
 if TYPE_CHECKING:  # studies take as long to import as matplotlib
-    from meshtrace.studies.performance import DepthSweep, LinkPerformance
+    from meshtrace.studies.depths import DepthSweep
+    from meshtrace.studies.performance import LinkPerformance
 
 _LEAST_BUBBLES = 1e-6  # lower end of the axis (tuned), relative to the densest layer
 

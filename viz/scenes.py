@@ -13,7 +13,7 @@ from pydantic import Field
 
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.paths import PhotonPaths
-from meshtrace.engine.photons.flight import Vertex
+from meshtrace.engine.photons.state import Vertex
 from meshtrace.engine.simulate import trace_paths
 from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.link import Link

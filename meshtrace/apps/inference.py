@@ -210,8 +210,8 @@ def infer(
     # measurements of tanks and lakes are of still water; waves are asked for
     if surface is None and not isinstance(link, Scenario):
         surface = FlatSea()
-    options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
-    campaign = campaign_of(link, surface, "infer", options, several=False)
+    run.setdefault("photons", DEFAULT_CHAINS)
+    campaign = campaign_of(link, surface, "infer", run, several=False)
     campaign.require_chains()
     names = require_names(unknown, "unknown")
     keys = [name for name in names if name != SCALE]

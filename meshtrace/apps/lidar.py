@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -24,12 +23,12 @@ from meshtrace import (
     simulate,
 )
 from meshtrace.checks import Positive, check_call
-from meshtrace.engine.setup.options import resolve
+from meshtrace.engine.setup.options import Case, resolve
 from meshtrace.errors import Described, Refused, require_word
 from meshtrace.link.link import spot_radius
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
-from meshtrace.parallel import announce
+from meshtrace.parallel import paced
 from meshtrace.results.tallies import (
     ONE_SIDE_PARTS,
     SPEED_OF_LIGHT,
@@ -149,44 +148,39 @@ def _with_waves_of(sea: Any, spot: float) -> Any:
     return sea.model_copy(update={"omega_max": omega}) if omega > sea.band.omega_max else sea
 
 
-class _Clock(NamedTuple):
-    """Times of light along the axis of the beam over still water, by which delays are depths."""
+def _times_on_axis(link: Link) -> tuple[float, float]:
+    """Return the time [s] to still water and back, and the further delay per metre of depth.
 
-    surface: float  # from the lamp by the spot on the surface to the receiver [s]
-    per_depth: float  # delay of the bottom after the surface per metre of depth [s m-1]
-
-    @classmethod
-    def of_link(cls, link: Link) -> _Clock:
-        """Return the times of a link with one lamp and one receiver in the air."""
-        lamp, receiver = link.transmitters[0], link.receivers[0]
-        start, axis = np.array(lamp.center), np.array(lamp.axis)
-        if axis[2] >= 0.0:
-            raise Refused(
-                "transmitter", Described("an axis that leads up"), "a lamp that looks down"
-            )
-        down = start[2] / -axis[2]
-        up = float(np.linalg.norm(start + down * axis - np.array(receiver.center)))
-        n = link.water.n / link.n_air
-        # angle of refraction of the axis by Snell's law; of a telescope beside the lamp both ways
-        # in the water are the same: twice the depth over this cosine
-        cos_water = math.sqrt(1.0 - (1.0 - axis[2] ** 2) / n**2)
-        per_depth = 2.0 * link.water.n / (SPEED_OF_LIGHT * cos_water)
-        return cls(link.n_air * (down + up) / SPEED_OF_LIGHT, per_depth)
-
-    def delay_of(self, depth: float) -> float:
-        """Return the delay of a bottom [s]."""
-        return self.per_depth * depth
-
-    def depth_of(self, delay: float) -> float:
-        """Return the depth [m] that a delay tells."""
-        return delay / self.per_depth
+    The way leads along the axis of the lamp to the surface and from there to the receiver.
+    """
+    lamp, receiver = link.transmitters[0], link.receivers[0]
+    start, axis = np.array(lamp.center), np.array(lamp.axis)
+    if axis[2] >= 0.0:
+        raise Refused("transmitter", Described("an axis that leads up"), "a lamp that looks down")
+    down = start[2] / -axis[2]
+    up = float(np.linalg.norm(start + down * axis - np.array(receiver.center)))
+    n = link.water.n / link.n_air
+    # angle of refraction of the axis by Snell's law; of a telescope beside the lamp both ways
+    # in the water are the same: twice the depth over this cosine
+    cos_water = math.sqrt(1.0 - (1.0 - axis[2] ** 2) / n**2)
+    per_depth = 2.0 * link.water.n / (SPEED_OF_LIGHT * cos_water)
+    return link.n_air * (down + up) / SPEED_OF_LIGHT, per_depth
 
 
-def _arrivals_of(result: GainResult) -> ArrivalTally:
-    """Return the arrivals of a run; refuse one without them, whose type allows for none."""
-    if result.arrivals is None:
-        raise Refused("result", Described("no arrivals"), "a run with record=[Arrivals()]")
-    return result.arrivals
+def _echo_of_sea(case: Case, sea: Any, i: int, several: bool) -> GainResult:
+    """Return the run over the i-th sea, with its arrivals."""
+    # the first sea is the one that the user gave; each has photons of its own
+    seed = realization_seed(case.run.seed, i)
+    with warnings.catch_warnings():
+        # the effective number is that of the whole gain, most of it glint; the result has the
+        # error of each echo
+        warnings.simplefilter("ignore", FewSamplesWarning)
+        if several:  # errors of meshes, which the glint has, are far below its scatter
+            warnings.filterwarnings("ignore", ".*the mesh causes an error")
+        return simulate(
+            case.link, sea.with_seed(seed) if i else sea, photons=case.run.photons, seed=seed,
+            threads=case.run.threads, mesh=case.meshing, record=[Arrivals()],
+        )  # fmt: skip
 
 
 def _waveform(arrivals: ArrivalTally, delay: Floats, edges: Floats) -> Floats:
@@ -318,41 +312,23 @@ def lidar(
     if bottom is None:
         raise Refused("water.bottom_depth", None, "a depth: the echo of a bottom is looked for")
     sea = _with_waves_of(case.surface, spot_radius(link.transmitters[0]))
-    clock = _Clock.of_link(link)
+    surface_time, per_depth = _times_on_axis(link)
     # from before the echo of still water, as crests are higher, to some pulses after the bottom
-    last = clock.delay_of(bottom) + _MARGIN * pulse_width
-    edges: Floats = bin_width * np.arange(
-        -math.ceil(_MARGIN * pulse_width / bin_width),
-        math.ceil(last / bin_width) + 1,
-        dtype=float,
-    )
+    before = math.ceil(_MARGIN * pulse_width / bin_width)
+    after = math.ceil((per_depth * bottom + _MARGIN * pulse_width) / bin_width)
+    edges: Floats = bin_width * np.arange(-before, after + 1, dtype=float)
     waveforms, depths = [], []
     # a surface without random phases is the same every time
     n_seas = seas if isinstance(sea, SeededSurface) else 1
-    began = time.perf_counter()
-    for i in range(n_seas):
-        # the first sea is the one that the user gave; each has photons of its own
-        seed_of_sea = realization_seed(case.run.seed, i)
-        one_sea = sea.with_seed(seed_of_sea) if i and isinstance(sea, SeededSurface) else sea
-        with warnings.catch_warnings():
-            # the effective number is that of the whole gain, most of it glint; the result has the
-            # error of each echo
-            warnings.simplefilter("ignore", FewSamplesWarning)
-            if n_seas > 1:  # errors of meshes, which the glint has, are far below its scatter
-                warnings.filterwarnings("ignore", ".*the mesh causes an error")
-            result = simulate(
-                link, one_sea, photons=case.run.photons, seed=seed_of_sea, threads=case.run.threads,
-                mesh=case.meshing, record=[Arrivals()],
-            )  # fmt: skip
-        arrivals = _arrivals_of(result)
-        delay = arrivals.time - clock.surface
-        waveforms.append(_waveform(arrivals, delay, edges))
-        depths.append([clock.depth_of(t) for t in _bottom_delays(arrivals, delay, pulse_width)])
-        if not i:
+    runs = (_echo_of_sea(case, sea, i, n_seas > 1) for i in range(n_seas))
+    for result in paced(runs, n_seas, f"{n_seas:,} seas"):
+        if not waveforms:
             first = result
-        elif i == 1:  # the time of the first one may be that of a compiler
-            announce((n_seas - 2) * (time.perf_counter() - began), f"{n_seas:,} seas")
-        began = time.perf_counter()
+        arrivals = result.arrivals
+        assert arrivals is not None  # recorded
+        delay = arrivals.time - surface_time
+        waveforms.append(_waveform(arrivals, delay, edges))
+        depths.append([t / per_depth for t in _bottom_delays(arrivals, delay, pulse_width)])
         if progress is not None:
             progress(1)
     # (independent estimates, echoes, bins + 1): by sea, or by group of photons of the only sea

@@ -276,13 +276,12 @@ def _campaign(
     if down is None:
         # named by its direction, as files and provenance have it
         return campaign.for_link(campaign.link, "up")
-    options: StudyOptions = {**run}
     if isinstance(link, Scenario):  # the downlink is a link alone, without the file's sea and mesh
         # both directions cross one sea, whatever the downlink alone would choose
         if surface is None and isinstance(link.surface, MeshSource):
             surface = link.surface
-        options["mesh"] = run.get("mesh") or link.meshing
-    return both_directions(campaign, campaign_of(down, surface, "trace", options))
+        run["mesh"] = run.get("mesh") or link.meshing
+    return both_directions(campaign, campaign_of(down, surface, "trace", run))
 
 
 def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:

@@ -16,7 +16,7 @@ from meshtrace.engine.chains.gain import turned
 from meshtrace.engine.chains.sampling import Chains
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.photons.analog import new_recorder, run_analog
-from meshtrace.engine.photons.flight import Recorder, Vertex
+from meshtrace.engine.photons.state import Recorder, Vertex
 from meshtrace.engine.setup.ends import ForcedLink, forced_link
 from meshtrace.engine.setup.options import BLOCK, Analog
 from meshtrace.engine.straight import straight_gains

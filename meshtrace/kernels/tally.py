@@ -218,7 +218,7 @@ def score_apertures(q, in_water, flight, world):
 
     Array twin: the analytic disk integrals of the flat-sea tests.
     q is the record of the photon, `flight` the `Segment` of its path, world all that it meets
-    (`engine.photons.flight.World`). Water absorbs up to the disk. A photon is counted wherever its
+    (`engine.photons.state.World`). Water absorbs up to the disk. A photon is counted wherever its
     path passes through the disk and never stopped there: light behind a receiver is that of a
     receiver which hides nothing.
     """

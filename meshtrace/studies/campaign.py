@@ -178,13 +178,13 @@ class Campaign(NamedTuple):
 
     def identity(self) -> dict[str, Any]:
         """Return the configuration that the numbers of a step depend on, as plain data."""
-        return {
+        identity = {
             "links": {name: link.model_dump(mode="json") for name, link in self.links.items()},
             "spectral": self.spectral,
             "surface": surface_config(self.surface),
             "meshing": self.meshing.model_dump(mode="json"),
-            **({"per_lamp": True} if self.per_lamp else {}),
         } | self._estimate()
+        return identity | {"per_lamp": True} if self.per_lamp else identity
 
     def _estimate(self) -> dict[str, Any]:
         """Return estimator, photons and seed as plain data; threads do not matter."""

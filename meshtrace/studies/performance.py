@@ -1,4 +1,4 @@
-"""Performance of a link over depth, bit rate and wind."""
+"""Error rate, margin, outage, range and capacity of a link over depth and bit rate."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +21,7 @@ from meshtrace.comms.pulses import Eye
 from meshtrace.comms.response import SHORT, ChannelResponse
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import Described, Refused, require_between, require_finite, require_word
+from meshtrace.errors import Refused, require_between, require_finite, require_word
 from meshtrace.fading import Estimate
 from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface, SurfaceModel
@@ -30,7 +30,7 @@ from meshtrace.results.daylight import Background
 from meshtrace.results.provenance import water_of
 from meshtrace.results.series import ByWavelength, checked_wavelengths, spectral
 from meshtrace.scenario import Scenario
-from meshtrace.stored import Attribute, Columns, Elsewhere, Stacked, Stored, Variable, Variables
+from meshtrace.stored import Attribute, Columns, Elsewhere, Stored, Variable, Variables
 from meshtrace.studies.background import background_over_seas, described, light_of
 from meshtrace.studies.campaign import campaign_of, with_first
 from meshtrace.studies.operating_point import (
@@ -41,8 +41,7 @@ from meshtrace.studies.operating_point import (
     operating_point,
 )
 from meshtrace.studies.series import closed_form
-from meshtrace.surfaces import sea_in_wind
-from meshtrace.uav import Dryden, Flight, tilt_outage_note
+from meshtrace.uav import Flight, tilt_outage_note
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -385,76 +384,6 @@ def _range(depths: tuple[float, ...], ber: Floats, target: float) -> float:
         return math.nan
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class DepthSweep(
-    Stacked, kind="depth-sweep", title="meshtrace link performance over depth and wind"
-):
-    """Performance over depth, for several winds.
-
-    Attributes
-    ----------
-    wind_speeds : sequence of float
-        Winds at 10 m [m s-1].
-    performances : tuple of LinkPerformance
-        One for each wind.
-    """
-
-    wind_speeds: Sequence[float]
-    performances: tuple[LinkPerformance, ...]
-
-    # dimension of the stack in a file, and the name of its labels
-    _along: ClassVar[tuple[str, str]] = ("wind_speed", "wind_speed")
-
-    def _stack(self) -> tuple[Sequence[float], tuple[LinkPerformance, ...]]:
-        return self.wind_speeds, self.performances
-
-    def _headline(self) -> str:
-        winds = ", ".join(f"{speed:g}" for speed in self.wind_speeds)
-        return f"winds {winds} m/s, {len(self.performances[0].depths)} depths"
-
-    def range_at_ber(self, ber: float | None = None) -> Floats:
-        """Return the ranges of all winds and bit rates with their limits [m].
-
-        Parameters
-        ----------
-        ber : float, optional
-            See `LinkPerformance.range_at_ber`.
-
-        Returns
-        -------
-        ndarray, shape (winds, bit_rates, 3)
-        """
-        return np.array([p.range_at_ber(ber) for p in self.performances])
-
-    def summary(self) -> str:
-        """Return the ranges of all winds and bit rates as text for a terminal."""
-        first = self.performances[0]
-        lines = [first._range_heading]
-        pairs = list(zip(self.wind_speeds, self.performances, strict=True))
-        for speed, performance in pairs:
-            lines += performance._range_lines(f"{speed:>5g} m/s")
-        lights = [f"background light, {speed:g} m/s: {p.light}" for speed, p in pairs]
-        if len({p.light for p in self.performances}) == 1:
-            lights = [f"background light: {first.light}"]
-        tilts = [line for speed, p in pairs for line in p._tilts(f", {speed:g} m/s")]
-        water = f"water: {water_of(first.provenance)}"
-        return "\n".join([*lines, "", water, *lights, *tilts, first.status])
-
-
-SWEEP_DEPTHS = tuple(float(d) for d in range(20, 95, 5))
-"""Depths of `depth_sweep` [m]."""
-
-
-class PerformanceOptions(StudyOptions, total=False):
-    """Options of `link_performance` that `depth_sweep` passes on."""
-
-    ook: OokLink | Preset | None
-    daylight: Daylight | None
-    limit: float
-    confidence: float
-    combining: Combining
-
-
 @spectral
 @check_call
 def link_performance(
@@ -688,66 +617,3 @@ def _shallowest(link: Link | Scenario, depths: Sequence[float] | None) -> Link |
     if isinstance(link, Scenario):
         return link.model_copy(update={"link": _shallowest(link.link, depths)})
     return next(iter(_links(link, depths).values()))
-
-
-@check_call
-def depth_sweep(
-    link: Link | Scenario,
-    depths: Sequence[float] = SWEEP_DEPTHS,
-    *,
-    bit_rate: float | Sequence[float] = (1e6, 5e6, 1e7),
-    wind_speeds: Sequence[float] = (0.0, 5.0, 13.0),
-    realizations: int = 50,
-    flight: Flight | None = None,
-    **options: Unpack[PerformanceOptions],
-) -> DepthSweep:
-    """Return the curves of the bit error rate over depth with their confidence bands.
-
-    Parameters
-    ----------
-    link : Link or Scenario
-        The link; sea, bubbles and whitecaps follow each wind (`Link.in_wind`).
-    depths : sequence of float
-        Depths of the transmitter [m], rising.
-    bit_rate : float or sequence of float
-        R_b [bit s-1].
-    wind_speeds : sequence of float
-        Winds at 10 m [m s-1]; 0 is a flat sea.
-    realizations : int
-        Seas at each depth.
-    flight : Flight, optional
-        Aircraft that carries the end in the air; without a wind it flies in each of the winds.
-    **options
-        As in `link_performance`: `ook`, `limit`, `confidence`, ...
-
-    Returns
-    -------
-    DepthSweep
-
-    Examples
-    --------
-    >>> sweep = depth_sweep(Link(), [50.0, 55.0, 60.0], bit_rate=1e6, wind_speeds=[0.0])
-    >>> f"{sweep.range_at_ber()[0, 0, 0]:.0f} m"
-    '55 m'
-    """
-    if not isinstance(link, Link | Scenario):
-        raise Refused("link", Described(type(link).__name__), "a Link or a Scenario")
-    performances = []
-    speeds = require_finite(wind_speeds, "wind_speeds", "one or more wind speeds [m/s]").tolist()
-    for speed in speeds:
-        windy: Link | Scenario
-        if isinstance(link, Scenario):
-            windy = link.model_copy(update={"link": link.link.in_wind(speed), "wind_speed": speed})
-        else:
-            windy = link.in_wind(speed)
-        # an aircraft without a wind of its own flies in that of the sea below
-        flown = flight
-        if flight is not None and flight.wind is None:
-            height = (link.link if isinstance(link, Scenario) else link).air_end[1].height
-            flown = flight._replace(wind=Dryden(wind_speed=speed, height=height))
-        result = link_performance(
-            windy, sea_in_wind(speed), bit_rate=bit_rate, depths=depths,
-            realizations=realizations, flight=flown, **options,
-        )  # fmt: skip
-        performances.append(result)
-    return DepthSweep(tuple(speeds), tuple(performances))

@@ -6,10 +6,12 @@ parameters need sound values in `sound_calls`. One argument at a time is replace
 value. Light is not traced: what would be traced has been accepted.
 """
 
+import _thread
 import contextlib
 import inspect
 import re
 import signal
+import threading
 import warnings
 from functools import cache
 from random import Random
@@ -147,15 +149,17 @@ def call(function, arguments):
     def end(*arguments):
         raise Accepted
 
-    old = signal.signal(signal.SIGALRM, end)
-    signal.setitimer(signal.ITIMER_REAL, LONGEST)
+    old = signal.signal(signal.SIGINT, end)
+    alarm = threading.Timer(LONGEST, _thread.interrupt_main)  # Windows lacks SIGALRM
+    alarm.start()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return function(**arguments)
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, old)
+        alarm.cancel()
+        alarm.join()
+        signal.signal(signal.SIGINT, old)
 
 
 def prepared(name, arguments):

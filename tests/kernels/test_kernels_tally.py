@@ -8,7 +8,7 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.engine.photons import analog
-from meshtrace.engine.photons.flight import PHOTON
+from meshtrace.engine.photons.state import PHOTON
 from meshtrace.engine.setup import arrays
 from meshtrace.kernels import jit, vectors
 from meshtrace.kernels import tally as kernel

@@ -122,10 +122,10 @@ def design(
     """
     if not isinstance(scenario, Scenario):
         raise Refused("scenario", Described(type(scenario).__name__), "a Scenario")
-    options: StudyOptions = {"photons": DEFAULT_CHAINS, **run}
+    run.setdefault("photons", DEFAULT_CHAINS)
     # without the waves of fading, which such a link lacks
-    campaign_of(scenario, None, "design", options, several=False).require_chains()
-    campaign = campaign_of(scenario, None, "design", options, fading=True, several=False)
+    campaign_of(scenario, None, "design", run, several=False).require_chains()
+    campaign = campaign_of(scenario, None, "design", run, fading=True, several=False)
     with campaign.workers():
         study = _Study(campaign, outage, limit, realizations, combining)
         return _page(study, campaign, over)

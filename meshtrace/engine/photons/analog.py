@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.bvh import Intersector
-from meshtrace.engine.photons import flight as kernel
+from meshtrace.engine.photons.flight import Miss, follow
+from meshtrace.engine.photons.state import PHOTON, Limits, Recorder, World
 from meshtrace.engine.setup import arrays
 from meshtrace.engine.setup.bodies import BodyScene, for_thread, scene_of
 from meshtrace.engine.setup.options import BLOCK, Analog, IrradianceMap, Record, read_records
@@ -204,7 +205,7 @@ class Setup(NamedTuple):
     frame: arrays.Frame
     intersector: Intersector
     bodies: BodyScene | None
-    world: kernel.World
+    world: World
     arrivals: int  # room for those of a photon, 0 where none are recorded
 
     @property
@@ -227,7 +228,7 @@ def run_analog(
     threads: int = 1,
     unscattered: bool = True,
     record: Iterable[Record] = (),
-    recorder: kernel.Recorder | None = None,
+    recorder: Recorder | None = None,
     progress: Callable[[int], None] | None = None,
     tinting: Tinting = UNTINTED,
     turn: tuple[int, Floats] = (0, ALONE.parts),
@@ -311,9 +312,9 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
                 tallies=tallies,
                 bvh=scenes.enter_context(setup.intersector.function()),
                 bodies=scenes.enter_context(for_thread(setup.bodies)),
-                photon=np.zeros(1, kernel.PHOTON),
+                photon=np.zeros(1, PHOTON),
             )
-            kernel.follow(first, last, world)
+            follow(first, last, world)
         if not setup.arrivals or int(tallies.n_arrivals[0]) <= room:
             tallies.arrivals["water"] *= setup.frame.unit
             tallies.arrivals["air"] *= setup.frame.unit
@@ -331,7 +332,7 @@ def setup_of(
     *,
     unscattered: bool = True,
     records: Mapping[str, Record] = MappingProxyType({}),
-    recorder: kernel.Recorder | None = None,
+    recorder: Recorder | None = None,
     frame: arrays.Frame | None = None,
     tinting: Tinting = UNTINTED,
     turn: tuple[int, Floats] = (0, ALONE.parts),
@@ -360,7 +361,7 @@ def setup_of(
             # the limit above 0
             roulette = 0.5 * math.exp(-min(link.water.a * depth, 600.0))
     medium = frame.medium(arrays.medium_arrays(link, frame.unit * crest))
-    world = kernel.World(
+    world = World(
         first=0,
         seed=np.uint64(seed),  # numba takes a Python integer for a signed one
         sources=sources,
@@ -370,7 +371,7 @@ def setup_of(
         medium=arrays.with_raster(medium, intersector),
         apertures=arrays.aperture_arrays(link, frame),
         interface=arrays.interface_arrays(link),
-        limits=kernel.Limits(
+        limits=Limits(
             roulette, survival, options.max_events, options.max_surface_events, unscattered
         ),
         tallies=_no_tallies(link, frame, cells),
@@ -378,15 +379,15 @@ def setup_of(
         back=FORWARD,
         tints=tinting.tints,
         bvh=NO_BVH,
-        photon=np.zeros(1, kernel.PHOTON),
+        photon=np.zeros(1, PHOTON),
     )
     room = len(link.receivers) * ("arrivals" in records)
     return Setup(frame, intersector, scene_of(link, frame), world, room)
 
 
-def new_recorder(photons: int, vertices: int) -> kernel.Recorder:
+def new_recorder(photons: int, vertices: int) -> Recorder:
     """Return empty arrays for the paths of the first photons."""
-    return kernel.Recorder(
+    return Recorder(
         vertex=np.full((photons, vertices, 3), np.nan),
         weight=np.full((photons, vertices), np.nan),
         what=np.full((photons, vertices), -1, np.int8),
@@ -404,7 +405,7 @@ def _no_tallies(link: Link, frame: arrays.Frame, cells: MapGrid) -> Tallies:
         score=np.zeros((0, 0)),
         ledger=np.zeros(len(Fate), np.int64),
         n_photons=np.zeros(len(Fate), np.int64),
-        misses=np.zeros(len(kernel.Miss), np.int64),
+        misses=np.zeros(len(Miss), np.int64),
         planes=-depths / frame.unit,
         radiance=np.zeros((SHIFTS, len(depths), *bins), np.int64),
         grid=cells,

@@ -38,7 +38,7 @@ import math
 
 from meshtrace.engine import crossing
 from meshtrace.engine.photons import targets
-from meshtrace.engine.photons.flight import heading, place
+from meshtrace.engine.photons.state import heading, place
 from meshtrace.kernels import interface
 from meshtrace.kernels.bodies import is_hidden
 from meshtrace.kernels.jit import inlined, outlined

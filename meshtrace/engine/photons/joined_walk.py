@@ -22,17 +22,10 @@ import math
 import numpy as np
 
 from meshtrace.engine.photons import targets
-from meshtrace.engine.photons.flight import (
-    bending_normal,
-    facet_ahead,
-    head,
-    heading,
-    look_ahead,
-    place,
-    put,
-)
+from meshtrace.engine.photons.flight import bending_normal, facet_ahead, look_ahead
 from meshtrace.engine.photons.in_medium import join_hits
 from meshtrace.engine.photons.next_event import hit_crossing, join_collision, join_crossing
+from meshtrace.engine.photons.state import head, heading, place, put
 from meshtrace.engine.photons.targets import Law
 from meshtrace.kernels import interface, medium
 from meshtrace.kernels.bodies import is_hidden, normal_facing, reflected

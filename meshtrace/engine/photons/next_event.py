@@ -43,8 +43,8 @@ import numpy as np
 from meshtrace.engine import crossing
 from meshtrace.engine.chains.random_slopes import slope_towards
 from meshtrace.engine.photons import targets
-from meshtrace.engine.photons.flight import heading, place
 from meshtrace.engine.photons.in_medium import join_straight
+from meshtrace.engine.photons.state import heading, place
 from meshtrace.kernels import interface
 from meshtrace.kernels.bodies import is_hidden
 from meshtrace.kernels.interface import MeshArrays

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine import crossing
-from meshtrace.engine.photons.flight import UNDER_WAY, heading, place
+from meshtrace.engine.photons.state import UNDER_WAY, heading, place
 from meshtrace.kernels import interface
 from meshtrace.kernels.bodies import BodyArrays, normal_facing
 from meshtrace.kernels.interface import Interface, MeshArrays
