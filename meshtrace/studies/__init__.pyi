@@ -1,3 +1,5 @@
+from .availability_result import Availability as Availability
+from .availability_study import availability as availability
 from .background import background_series as background_series
 from .caustics import light_pattern as light_pattern
 from .comparison import Comparison as Comparison
@@ -17,8 +19,6 @@ from .performance import DepthSweep as DepthSweep
 from .performance import LinkPerformance as LinkPerformance
 from .performance import depth_sweep as depth_sweep
 from .performance import link_performance as link_performance
-from .planning import Availability as Availability
-from .planning import availability as availability
 from .sensitivity import Sensitivities as Sensitivities
 from .sensitivity import sensitivities as sensitivities
 from .sensitivity import swings as swings
