@@ -29,7 +29,7 @@ from meshtrace.studies.neighbours import depth_key, range_of
 from meshtrace.studies.series import over_realizations
 from meshtrace.studies.sweeps import transmission_at
 
-_MORE_CHAINS = 8  # of the mean gain, whose error is the largest of a run
+_MORE_CHAINS = 4  # of the mean gain, whose error counts for less than that of the fading
 _NOISE_LEFT = 0.1  # of the variance of ln gain, at least what remains without its noise
 
 

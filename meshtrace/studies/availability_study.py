@@ -51,7 +51,7 @@ def availability(
     over: Bounds | None = None,
     target: Probability = 0.9,
     runs: Annotated[int, Field(ge=8, le=100_000)] = 32,
-    realizations: Annotated[int, Field(ge=4, le=100_000)] = 6,
+    realizations: Annotated[int, Field(ge=4, le=100_000)] = 16,
     **run: Unpack[StudyOptions],
 ) -> Availability:
     r"""Return the share of the time that a link works, over uncertain inputs.

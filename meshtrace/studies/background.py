@@ -168,16 +168,23 @@ def background_over_seas(
     if len(by_sea) == 1:
         return first
     parts = np.array([background.part_radiance for background in by_sea])
-    mean = Background.of_groups(parts, first.acceptance, first.wavelength_nm)
+    mean = Background.of_groups(parts[:, None], first.acceptance, first.wavelength_nm)
     # all seas share their rays, whose error therefore does not fall with the number of seas
     rays = np.mean([background.part_radiance_stderr for background in by_sea], axis=0)
     rays_in_all = float(np.mean([background.radiance_stderr for background in by_sea]))
-    return replace(
+    mean = replace(
         mean,
         part_radiance_stderr=np.hypot(mean.part_radiance_stderr, rays),
         radiance_stderr=math.hypot(mean.radiance_stderr, rays_in_all),
         provenance=first.provenance,
     )
+    if first.pixel_radiance is None:
+        return mean
+    pixels, errors = np.array([
+        (background.pixel_radiance, background.pixel_radiance_stderr) for background in by_sea
+    ]).swapaxes(0, 1)  # fmt: skip
+    error = np.hypot(error_of_groups(pixels), errors.mean(axis=0))
+    return replace(mean, pixel_radiance=pixels.mean(axis=0), pixel_radiance_stderr=error)
 
 
 def _steps(campaign: Campaign, seas: int, flight: Flight | None, most: int) -> Steps:

@@ -273,10 +273,16 @@ def gain_series(
         error_of_groups(gain.mean(axis=0), -1)[()],
         campaign.provenance(link),
     )
+    # columns: receivers, then pairs, then pixels
+    further, m = gains[0, names.index(name), :, n:], link.pixels
+    if m > 1:
+        pixels = further[:, -n * m * m :].reshape(len(gain), n, m, m, SHIFTS)
+        stderr = error_of_groups(pixels, -1)
+        series = replace(series, gain_by_pixel=pixels.mean(axis=-1), gain_by_pixel_stderr=stderr)
+        further = further[:, : -n * m * m]
     if not campaign.per_lamp:
         return series
-    # columns: receivers, then pairs
-    pairs = gains[0, names.index(name), :, n:].reshape(len(gain), -1, n, SHIFTS)
+    pairs = further.reshape(len(gain), -1, n, SHIFTS)
     return replace(
         series,
         gain_by_lamp=pairs.mean(axis=-1),
