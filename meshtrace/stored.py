@@ -79,6 +79,7 @@ _HOMES = {
     "lidar": "meshtrace.apps.lidar",
     "optimum": "meshtrace.apps.optimisation",
     "sensitivity": "meshtrace.studies.sensitivity",
+    "pixels": "meshtrace.studies.pixels",
     "availability": "meshtrace.studies.availability_result",
     "measured": "meshtrace.apps.measured",
     "fading-convergence": "meshtrace.studies.convergence",

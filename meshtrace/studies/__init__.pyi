@@ -19,6 +19,8 @@ from .performance import DepthSweep as DepthSweep
 from .performance import LinkPerformance as LinkPerformance
 from .performance import depth_sweep as depth_sweep
 from .performance import link_performance as link_performance
+from .pixels import PixelSignals as PixelSignals
+from .pixels import pixel_signals as pixel_signals
 from .sensitivity import Sensitivities as Sensitivities
 from .sensitivity import sensitivities as sensitivities
 from .sensitivity import swings as swings

@@ -118,7 +118,8 @@ class Campaign(NamedTuple):
         Half-width of the finely meshed part of the surface, over that of `Link.lit_patch`.
     per_lamp : bool
         Whether gains by pair of lamp and receiver, lamp after lamp, follow those of the receivers.
-        Those of pixels follow last.
+    per_pixel : bool
+        Whether gains by pixel, receiver after receiver, follow as the last.
     """
 
     links: Mapping[str, Link]
@@ -132,6 +133,12 @@ class Campaign(NamedTuple):
     spectral: bool = False
     fine_patch: float = 1.0
     per_lamp: bool = False
+    per_pixel: bool = False
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels whose gains are asked for, along a side; 1 for none."""
+        return self.link.pixels if self.per_pixel else 1
 
     @property
     def link(self) -> Link:
@@ -142,7 +149,7 @@ class Campaign(NamedTuple):
     def columns(self) -> int:
         """Number of gains of a link over a surface: receivers, pairs if `per_lamp`, and pixels."""
         pairs = len(self.link.transmitters) if self.per_lamp else 0
-        pixels = self.link.pixels**2 if self.link.pixels > 1 else 0
+        pixels = self.pixels**2 if self.pixels > 1 else 0
         return (1 + pairs + pixels) * len(self.link.receivers)
 
     @property
@@ -479,7 +486,7 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
 
     if isinstance(run.estimator, Analog):
         return lambda i: _analog_gains(campaign, links_at(i), make_mesh(i))
-    pixels = campaign.link.pixels > 1
+    pixels = campaign.pixels > 1
     n_probed = min(1 if steps.links else probed, len(steps.labels))
     # probed meshes serve the loop, too: each once, so that memory is freed as the loop goes on
     probed_meshes = {i: make_mesh(i) for i in range(n_probed)}
@@ -542,7 +549,7 @@ def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh)
     assert isinstance(run.estimator, Analog)
     photons = run.photons // SHIFTS
     # 32 disjoint ranges of photons give the error, as the 32 shifts of chains do
-    record = [Arrivals()] if campaign.per_lamp or campaign.link.pixels > 1 else []
+    record = [Arrivals()] if campaign.per_lamp or campaign.pixels > 1 else []
     gains = np.empty((len(links), campaign.columns, SHIFTS))
     for i, link in enumerate(links):
         for shift in range(SHIFTS):
@@ -560,7 +567,7 @@ def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh)
             columns = [total]
             if campaign.per_lamp:
                 columns.append(groups_by_lamp(sums, run.seed, link).mean(axis=-1).ravel())
-            if link.pixels > 1:
+            if campaign.pixels > 1:
                 hits = sums.all_arrivals
                 table = table_of(hits, hits["weight"] / photons, 1.0, link)
                 columns.append(pixel_groups(table, link).mean(axis=-1).ravel())
