@@ -404,7 +404,11 @@ def table_of(arrivals: NDArray[np.void], weight: Floats, unit: float, link: Link
     for r, receiver in enumerate(link.receivers):
         of_receiver = arrivals["receiver"] == r
         way = arrivals["way"][of_receiver]
-        cosine = way @ np.array(receiver.axis) / np.linalg.norm(way, axis=1)
+        # one order of additions: matrix products round otherwise, and small angles are the arc
+        # cosine of numbers near 1
+        x, y, z = way.T
+        cosine = x * receiver.axis[0] + y * receiver.axis[1] + z * receiver.axis[2]
+        cosine /= np.sqrt(x * x + y * y + z * z)
         angle[of_receiver] = np.arccos(np.clip(cosine, -1.0, 1.0))
         azimuth[of_receiver] = receiver.azimuths_of(way)
     return ArrivalTally(

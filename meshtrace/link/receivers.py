@@ -126,7 +126,7 @@ class Receiver(Camera, frozen=True):
         Tilt of the line of sight from straight down, 0 <= tilt <= 180, and its azimuth from +x,
         counter-clockwise [deg].
     pixels : int
-        Pixels along each side of a square array that divides the field of view, see `Camera`.
+        Pixels along each side of a square array that divides the field of view, 1 ... 32.
 
     Notes
     -----
@@ -193,7 +193,7 @@ class WaterReceiver(Camera, frozen=True):
         The receiver looks up; tilt leans its line of sight from straight up towards the azimuth
         (from +x counter-clockwise) [deg], 0 <= tilt <= 180.
     pixels : int
-        Pixels along each side of a square array that divides the field of view, see `Camera`.
+        Pixels along each side of a square array that divides the field of view, 1 ... 32.
 
     Notes
     -----

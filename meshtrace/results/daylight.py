@@ -65,7 +65,8 @@ class Background(Stored, kind="background", title="meshtrace background light"):
 
         `side` is the number of pixels along a side.
         """
-        parts = by_pixel.sum(axis=1)
+        # contiguous: sums over parts then have one order of additions, whatever the pixels
+        parts = np.ascontiguousarray(by_pixel.sum(axis=1))
         total = parts.sum(axis=1)
         # the parts of a sample share its rays: their errors are correlated, and do not add in
         # quadrature to that of the sum

@@ -358,15 +358,22 @@ def backgrounds(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -
     # the threads are those of the rays over one surface
     single_threaded = campaign._replace(run=campaign.run.replace(threads=1))
     name = f"background of {', '.join(campaign.links)} by {day.light}"
-    shape = (2 * len(PARTS) + 4,)
+    side = campaign.link.pixels
+    pixels = side * side if side > 1 else 0
+    shape = (2 * len(PARTS) + 4 + 2 * pixels,)
     table = single_threaded.evaluate(
         setup, range(len(steps.labels)), name, identity, lambda step: shape
     )
     results = []
     for row in table:
-        parts, errors, numbers = np.split(row, [len(PARTS), 2 * len(PARTS)])
+        ends = np.cumsum([len(PARTS), len(PARTS), 4])
+        parts, errors, numbers, by_pixel = np.split(row, ends)
         total, error, acceptance, wavelength = numbers.tolist()
-        results.append(Background(parts, errors, total, error, acceptance, wavelength, origin))
+        result = Background(parts, errors, total, error, acceptance, wavelength, origin)
+        if pixels:
+            values, stderr = by_pixel.reshape(2, side, side)
+            result = replace(result, pixel_radiance=values, pixel_radiance_stderr=stderr)
+        results.append(result)
     return results
 
 
@@ -382,6 +389,9 @@ def _background_numbers(
         mesh, _ = mesh_for(link, surface, case.meshing)
         (seen,) = backgrounds_over(case, mesh, [link], [day], photons)
         numbers = seen.radiance, seen.radiance_stderr, seen.acceptance, seen.wavelength_nm
-        return np.concatenate([seen.part_radiance, seen.part_radiance_stderr, numbers])
+        columns: list[Any] = [seen.part_radiance, seen.part_radiance_stderr, numbers]
+        if seen.pixel_radiance is not None and seen.pixel_radiance_stderr is not None:
+            columns += [seen.pixel_radiance.ravel(), seen.pixel_radiance_stderr.ravel()]
+        return np.concatenate(columns)
 
     return numbers_over

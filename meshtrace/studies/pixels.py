@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Unpack, cast
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 
-from meshtrace.checks import check_call
+from meshtrace.checks import Seed, check_call
 from meshtrace.comms.background import with_background
 from meshtrace.comms.combining import Combining, combined_ber
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.backward.background import background
-from meshtrace.engine.setup.options import RunOptions, StudyOptions, require_options
+from meshtrace.engine.setup.options import Meshing, StudyOptions
 from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused
 from meshtrace.link import Link
@@ -118,8 +118,11 @@ def pixel_signals(
     *,
     ook: OokLink | Preset = "physical",
     bit_rate: float | None = None,
+    photons: Annotated[int, Field(ge=SHIFTS, le=10_000_000)] = 16_384,
     rays: Annotated[int, Field(ge=SHIFTS, le=10_000_000)] = 16_384,
-    **run: Unpack[RunOptions],
+    seed: Seed = 1,
+    mesh: Meshing | None = None,
+    threads: int | None = None,
 ) -> PixelSignals:
     r"""Return signal and background of each pixel of a receiver, and its bit error rates.
 
@@ -136,10 +139,14 @@ def pixel_signals(
         Transmission, by default that of the scenario. Each pixel has its detector.
     bit_rate : float, optional
         Bit rate R_b [bit s-1], by default that of the transmission.
-    rays : int
-        Rays of the background, 32 ... 10 000 000.
-    **run
-        Options of the run, see `RunOptions`.
+    photons, rays : int
+        Chains of the gain and rays of the background, 32 ... 10 000 000.
+    seed : int
+        Key of the random numbers.
+    mesh : Meshing, optional
+        Time and resolution of the surface.
+    threads : int, optional
+        Threads, all cores by default; the result does not depend on them.
 
     Returns
     -------
@@ -168,25 +175,18 @@ def pixel_signals(
     >>> seen.best_pixel
     (1, 1)
     """
-    require_options(run, RunOptions)
-    options = cast(StudyOptions, run)
-    campaign = campaign_of(link, surface, "pixel_signals", options, several=False)
+    run: StudyOptions = {"photons": photons, "seed": seed, "mesh": mesh, "threads": threads}
+    campaign = campaign_of(link, surface, "pixel_signals", run, several=False)
     link = campaign.link
     if len(link.receivers) != 1 or link.pixels == 1:
         text = f"{len(link.receivers)} receivers, {link.pixels} pixels along a side"
         raise Refused("receiver", Described(text), "one receiver with pixels = 2 or more")
     sea, meshing = mean_sea(link, campaign.surface), campaign.meshing.replace(waves=None)
-    result = simulate(
-        link, sea, photons=campaign.run.photons, estimator=campaign.run.estimator,
-        seed=campaign.run.seed, threads=campaign.run.threads, mesh=meshing,
-    )  # fmt: skip
+    result = simulate(link, sea, photons=photons, seed=seed, threads=threads, mesh=meshing)
     day = light_of(campaign, daylight)
     light: Background | None = None
     if day is not None:
-        light = background(
-            link, sea, day, photons=rays, seed=campaign.run.seed, mesh=meshing,
-            threads=campaign.run.threads,
-        )  # fmt: skip
+        light = background(link, sea, day, photons=rays, seed=seed, mesh=meshing, threads=threads)
     dark = electronics_of(campaign, ook, bit_rate)
     assert dark is not None
     return _signals(result, light, dark, link.receivers[0])

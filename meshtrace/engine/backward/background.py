@@ -256,7 +256,7 @@ class _Walk(NamedTuple):
         tallies = self._tallies(link, day, rays, NO_TINTS)
         scores = np.concatenate([chunk.score for chunk in tallies])
         sky, sun = scores[:, SKY_SCORE], scores[:, SUN_SCORE] + scores[:, BUBBLE_SCORE]
-        by_pixel = self.view.means(np.stack([sky, sun]), self.view.directions())
+        by_pixel = self.view.means(np.stack([sky, sun], axis=1).T, self.view.directions())
         return np.moveaxis(by_pixel, 0, -1)[None] * self._squared_index(link)
 
     def at_wavelengths(
