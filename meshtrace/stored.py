@@ -79,7 +79,8 @@ _HOMES = {
     "lidar": "meshtrace.apps.lidar",
     "optimum": "meshtrace.apps.optimisation",
     "sensitivity": "meshtrace.studies.sensitivity",
-    "availability": "meshtrace.studies.planning",
+    "pixels": "meshtrace.studies.pixels",
+    "availability": "meshtrace.studies.availability_result",
     "measured": "meshtrace.apps.measured",
     "fading-convergence": "meshtrace.studies.fading_convergence",
 }

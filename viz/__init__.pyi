@@ -40,6 +40,7 @@ from .plots_studies import plot_comparison as plot_comparison
 from .plots_studies import plot_convergence as plot_convergence
 from .plots_studies import plot_duplex as plot_duplex
 from .plots_studies import plot_fading_convergence as plot_fading_convergence
+from .plots_studies import plot_pixels as plot_pixels
 from .plots_studies import plot_tornado as plot_tornado
 from .scenes import SceneStyle as SceneStyle
 from .scenes import add_coverage as add_coverage

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator
 
 from meshtrace import studies
@@ -213,6 +215,42 @@ def plot_tornado(
     return ax
 
 
+def plot_pixels(signals: studies.PixelSignals, *, ax: Axes | None = None) -> Axes:
+    """Plot the counts of the pixels of a receiver: the signal beside the background.
+
+    Parameters
+    ----------
+    signals : PixelSignals
+        Result of `studies.pixel_signals`. Both pictures have one scale of colours, over four
+        decades; x of the image runs to the right, y upwards, and the best pixel has a frame.
+    ax : matplotlib Axes, optional
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+    """
+    ax = marks.axes(ax)
+    edge, rates = signals.edge, (signals.signal_rate, signals.background_rate)
+    highest, shift = max(float(rate.max()) for rate in rates), 1.15 * float(np.ptp(signals.edge))
+    scale = LogNorm(1e-4 * highest, highest)
+    for k, (rate, name) in enumerate(zip(rates, ("signal", "background"), strict=True)):
+        image = ax.pcolormesh(
+            edge + k * shift, edge, np.maximum(rate.T, 1e-4 * highest), norm=scale, rasterized=True
+        )
+        ax.text(k * shift, 1.05 * edge[-1], name, ha="center", va="bottom", color=INK)
+        i, j = signals.best_pixel
+        side = float(edge[1] - edge[0])
+        corner = float(edge[i]) + k * shift, float(edge[j])
+        ax.add_patch(
+            Rectangle(corner, side, side, fill=False, edgecolor=PALETTE["vermilion"], lw=1.2)
+        )
+    ax.figure.colorbar(image, ax=ax, label="counts [s$^{-1}$]")
+    ax.set(aspect="equal", ylim=(edge[0], 1.25 * edge[-1]))
+    ax.axis("off")
+    return ax
+
+
 def plot_availability(a: studies.Availability, *, ax: Axes | None = None) -> Axes:
     """Plot shares of the time by month, or over the key of the range where no input has months.
 
@@ -304,6 +342,7 @@ _PLOTS: dict[str, Callable[..., Any] | str] = {
     "wavelengths": plots_curves.plot_wavelengths,
     "sensitivity": plot_tornado,
     "availability": plot_availability,
+    "pixels": plot_pixels,
     "design": "meshtrace.apps.plots:plot_design",
     "optimum": "meshtrace.apps.plots:plot_optimum",
     "inference": "meshtrace.apps.plots:plot_inference",

@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from meshtrace.errors import Described, Refused
 from meshtrace.kernels.random import Purpose, philox
 from meshtrace.kernels.tally import (
     BODY,
@@ -27,9 +28,15 @@ from meshtrace.kernels.tally import (
     SCATTERED,
 )
 from meshtrace.link import Link
+from meshtrace.link.receivers import Camera
 from meshtrace.models import Floats
 from meshtrace.results.gain import ChainCounts, ScatteredSamples
-from meshtrace.results.tallies import ArrivalTally, error_of_groups, travel_time
+from meshtrace.results.tallies import (
+    ArrivalTally,
+    error_of_groups,
+    sums_by_group,
+    travel_time,
+)
 from meshtrace.stored import SHIFTS
 
 Method = Literal["chains", "joined", "analog"]
@@ -358,6 +365,28 @@ def with_error(gain: Floats, error: float) -> Floats:
     return gain * (1.0 + error * math.sqrt(SHIFTS - 1) * sign)
 
 
+def pixel_groups(table: ArrivalTally, link: Link) -> Floats:
+    """Return the gain of each pixel by group from all arrivals, (receivers, pixels, SHIFTS).
+
+    Pixels are numbered as in `Camera.pixels_of`.
+
+    Raises
+    ------
+    Refused
+        If receivers differ in their numbers of pixels.
+    """
+    n = {getattr(end, "pixels", 1) for end in link.receivers}
+    if len(n) != 1:
+        raise Refused("receiver", Described("different numbers of pixels"), "equal numbers")
+    groups = []
+    for r, end in enumerate(link.receivers):
+        assert isinstance(end, Camera)
+        here = table.receiver == r
+        pixel = end.pixels_of(table.angle[here], table.azimuth[here])
+        groups.append(sums_by_group(table.group[here], table.weight[here], pixel, end.pixels**2).T)
+    return np.array(groups)
+
+
 def shares_of(arrivals: NDArray[np.void], photons: int) -> Floats:
     """Return the factor (rows,) on the weight of each row in the gain by `photons` photons.
 
@@ -371,13 +400,25 @@ def shares_of(arrivals: NDArray[np.void], photons: int) -> Floats:
 def table_of(arrivals: NDArray[np.void], weight: Floats, unit: float, link: Link) -> ArrivalTally:
     """Return the table of arrivals (ARRIVAL) of photons, whose paths are in units of `unit` [m]."""
     water, air = unit * arrivals["water"], unit * arrivals["air"]
+    angle, azimuth = np.empty(len(weight)), np.empty(len(weight))
+    for r, receiver in enumerate(link.receivers):
+        of_receiver = arrivals["receiver"] == r
+        way = arrivals["way"][of_receiver]
+        # one order of additions: matrix products round otherwise, and small angles are the arc
+        # cosine of numbers near 1
+        x, y, z = way.T
+        cosine = x * receiver.axis[0] + y * receiver.axis[1] + z * receiver.axis[2]
+        cosine /= np.sqrt(x * x + y * y + z * z)
+        angle[of_receiver] = np.arccos(np.clip(cosine, -1.0, 1.0))
+        azimuth[of_receiver] = receiver.azimuths_of(way)
     return ArrivalTally(
         receiver=arrivals["receiver"].copy(),
         weight=weight,
         water_path=water,
         air_path=air,
         time=travel_time(water, air, link.water.n, link.n_air),
-        angle=np.arccos(np.clip(arrivals["cosine"], -1.0, 1.0)),
+        angle=angle,
+        azimuth=azimuth,
         group=arrivals["photon"] % SHIFTS,
         sample=arrivals["photon"].copy(),
         part=arrivals["part"].copy(),

@@ -14,7 +14,7 @@ import numpy as np
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.choice import counts, returned_gain
 from meshtrace.engine.forced import ForcedDetection
-from meshtrace.engine.gains import Gains, lamps_of, table_of
+from meshtrace.engine.gains import Gains, lamps_of, pixel_groups, table_of
 from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.setup import options
@@ -27,6 +27,7 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.results.gain import Fate, FateTally, GainResult, ScatteredSamples, bound_where_dark
 from meshtrace.results.tallies import (
+    ArrivalTally,
     MapTally,
     Planes,
     error_of_groups,
@@ -87,14 +88,16 @@ def analog_result(
     mean = sums.score / n
     stderr = standard_error(sums.score, sums.score_squared, n)
     weights, arrivals = sums.ledger.value() / n, None
-    if "arrivals" in records:
+    pairs: dict[str, Any] = {}
+    if "arrivals" in records or link.pixels > 1:
         hits = sums.all_arrivals
-        arrivals = table_of(hits, hits["weight"] / n, 1.0, link)
+        table = table_of(hits, hits["weight"] / n, 1.0, link)
+        arrivals = table if "arrivals" in records else None
+        pairs = by_pixel_of(table, link)
     grid = records.get("irradiance-map")
     gain = per_receiver(link, mean[:n_rx])
-    pairs: dict[str, Any] = {}
     if seed is not None:
-        pairs = by_lamp_of(groups_by_lamp(sums, seed, link))
+        pairs |= by_lamp_of(groups_by_lamp(sums, seed, link))
     return GainResult(
         gain=gain,
         gain_stderr=per_receiver(link, stderr[:n_rx]),
@@ -130,10 +133,32 @@ def by_lamp_of(groups: Floats, quadrature: Floats | float = 0.0) -> dict[str, Fl
     return dict(zip(names, (groups.mean(axis=-1), stderr, groups), strict=True))
 
 
+def by_pixel_of(
+    table: ArrivalTally, link: Link, quadrature: Floats | float = 0.0
+) -> dict[str, Any]:
+    """Return the fields of a result by pixel; none for receivers without pixels.
+
+    `quadrature` (receivers,) are errors of unscattered light without samples of its own.
+    """
+    if link.pixels == 1:
+        return {}
+    groups = pixel_groups(table, link)
+    direct = replace(table, weight=table.weight * (table.group < 0))
+    share = pixel_groups(direct, link).mean(axis=-1)
+    share /= np.maximum(share.sum(axis=1, keepdims=True), 1e-300)
+    # light of one quadrature errs alike in all pixels
+    error = np.hypot(error_of_groups(groups, axis=-1), share * np.reshape(quadrature, (-1, 1)))
+    shape = len(groups), link.pixels, link.pixels
+    return {
+        "gain_by_pixel": groups.mean(axis=-1).reshape(shape),
+        "gain_by_pixel_stderr": error.reshape(shape),
+    }
+
+
 def forced_result(
-    case: Case, mesh: TriangleMesh, gains: Gains, origin: dict[str, Any]
+    case: Case, mesh: TriangleMesh, gains: Gains, origin: dict[str, Any], record: bool
 ) -> GainResult:
-    """Return the result of forced detection over a mesh."""
+    """Return the result of forced detection over a mesh, with its arrivals if `record`."""
     link = case.link
     # fields are absent, rather than 0, if no photons followed light that the surface reflects first
     extra: dict[str, Any] = {}
@@ -147,6 +172,10 @@ def forced_result(
         pairs, shape = gains.by_lamp, (-1, len(link.receivers))
         groups = pairs.shifts.reshape(*shape, SHIFTS)
         extra |= by_lamp_of(groups, pairs.quadrature.reshape(shape))
+    if gains.table:
+        # a quadrature shows in the groups of the gain, or beside them, but in none of its rows
+        error = np.hypot(error_of_groups(gains.direct, axis=-1), gains.quadrature)
+        extra |= by_pixel_of(gains.table[0], link, error)
     result = GainResult(
         gain=per_receiver(link, gains.gain),
         gain_stderr=per_receiver(link, gains.stderr),
@@ -158,7 +187,7 @@ def forced_result(
         gain_order=gains.orders,
         chains=gains.counts,
         scattered=gains.samples_of(SCATTERED),
-        arrivals=gains.table[0] if gains.table else None,
+        arrivals=gains.table[0] if record else None,
         **extra,
     )
     # the larger one where both apply; nan of either is ignored

@@ -48,6 +48,7 @@ class Light(NamedTuple):
     water: Floats  # path in the water [m]
     air: Floats  # path in the air [m]
     angle: Floats  # of arrival, to the axis of the receiver [rad]
+    way: Floats  # (n, 3) along the light at the receiver, of any length
     lamp: Floats  # cosine of the angle of emission to the axis of the source
     shift: NDArray[np.int64]  # independent group of the chain, 0 ... SHIFTS - 1
     sample: NDArray[np.int64]  # number of the chain in its set, -1 without one
@@ -64,6 +65,7 @@ class Light(NamedTuple):
             air_path=self.air,
             time=travel_time(self.water, self.air, link.water.n, link.n_air),
             angle=self.angle,
+            azimuth=link.receivers[receiver].azimuths_of(self.way),
             group=self.shift,
             sample=self.sample,
             part=self.part,
@@ -114,6 +116,7 @@ def direct_light(
         water=water,
         air=air,
         angle=angle,
+        way=-up if link.down else way,
         lamp=lamp,
         shift=np.full(len(nonzero), shift),
         sample=np.full(len(nonzero), -1),
@@ -138,6 +141,7 @@ def straight_light(link: ForcedLink, emitter: int, target: int) -> Light:
         water=water,
         air=air,
         angle=angle,
+        way=way,
         lamp=lamp,
         shift=none,
         sample=none,
@@ -177,6 +181,7 @@ def chain_light(
         water=unit * arrivals["water"],
         air=unit * arrivals["air"],
         angle=angle,
+        way=-arrivals["emission"] if link.down else way,
         lamp=lamp,
         # chains of a request are stored shift by shift, equally many of each
         shift=(first + chain) // (n // SHIFTS),

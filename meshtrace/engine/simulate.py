@@ -230,8 +230,10 @@ def _traced(
     on enough samples.
     """
     recorded = [r.model_dump(mode="json") for r in records.values()]
-    # the lamp of an analog photon follows from its number, which arrivals have
-    unrecorded = [Arrivals()] if per_lamp and "arrivals" not in records else []
+    # the lamp of an analog photon follows from its number, its pixel from its direction: arrivals
+    # have both
+    split = per_lamp or case.link.pixels > 1
+    unrecorded = [Arrivals()] if split and "arrivals" not in records else []
     run: Run | None = case.run
     seed, normals, threads = case.run.seed, case.meshing.normals, case.threads
     results: list[GainResult] = []
@@ -269,9 +271,12 @@ def _traced(
                 returned = planner.returned if omits else None
             else:
                 paths = SpectralDetection(links, run.photons, seed, normals, threads, sea)
-            gains = paths.at_wavelengths(mesh, record=bool(records), per_lamp=per_lamp)
+            recording = "arrivals" in records or case.link.pixels > 1
+            gains = paths.at_wavelengths(mesh, record=recording, per_lamp=per_lamp)
             results = [
-                outcome.forced_result(case._replace(run=run, link=link), mesh, gain, origin)
+                outcome.forced_result(
+                    case._replace(run=run, link=link), mesh, gain, origin, "arrivals" in records
+                )
                 for link, gain, origin in zip(links, gains, origins, strict=True)
             ]
         # wavelengths share the photons: the one that needs most decides

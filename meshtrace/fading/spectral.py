@@ -622,7 +622,9 @@ def _on_axis(link: Any) -> Any:
     """
     if not (link.transmitters and link.receivers):
         raise Refused("receiver", link.receiver, "one receiver")
-    straight = {"position": (0.0, 0.0), "tilt_deg": 0.0, "zenith_deg": 0.0, "fov_deg": 180.0}
+    straight = {
+        "position": (0.0, 0.0), "tilt_deg": 0.0, "zenith_deg": 0.0, "fov_deg": 180.0, "pixels": 1,
+    }  # fmt: skip
     lamp, aperture = (
         end.replace(**{key: straight[key] for key in straight.keys() & type(end).model_fields})
         for end in (link.transmitters[0], link.receivers[0])

@@ -27,7 +27,7 @@ from meshtrace.kernels.tints import (
     fill_factors,
     tint_way,
 )
-from meshtrace.kernels.vectors import TWO_PI, UP, Vec3, along, dot, minus, norm, row, scaled
+from meshtrace.kernels.vectors import TWO_PI, UP, Vec3, along, dot, minus, norm, row, scaled, write
 
 # 63 bits hold 2^19 photons of weight 1; rounding is 2^-45 = 3e-14 of such a photon at most.
 SCALE = 2.0**44
@@ -84,7 +84,7 @@ ARRIVAL = record_type(
         ("weight", float),
         ("water", float),  # path in the water [m]
         ("air", float),  # path in the air [m]
-        ("cosine", float),  # of the angle of arrival to the axis of the aperture
+        ("way", float, (3,)),  # along the light at the aperture, of any length
         ("tint", float, (TINTS,)),  # see `meshtrace.kernels.tints`
     ]
 )
@@ -242,7 +242,7 @@ def score_apertures(q, in_water, flight, world):
             a.water = flight.water + (t if in_water else 0.0)
             a.air = flight.air + (0.0 if in_water else t)
             a.order = q.turned
-            a.cosine = dot(flight.direction, row(apertures.axis, i)) / norm(flight.direction)
+            write(a.way, flight.direction)
             a.part = _part_of(q, apertures.same_side)
             if in_water:
                 tint_way(world.tints, a.tint, z, z + t * flight.direction.z, t)

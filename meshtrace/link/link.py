@@ -180,6 +180,11 @@ class Link(Model, frozen=True):
         return self.transmitter if isinstance(self.transmitter, tuple) else (self.transmitter,)
 
     @property
+    def pixels(self) -> int:
+        """Largest number of pixels along a side of the receivers."""
+        return max((getattr(end, "pixels", 1) for end in self.receivers), default=1)
+
+    @property
     def receivers(self) -> tuple[Aperture, ...]:
         """The apertures as a tuple."""
         return self.receiver if isinstance(self.receiver, tuple) else (self.receiver,)

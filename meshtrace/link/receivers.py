@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
 
 from meshtrace.errors import Refused
 from meshtrace.link.sources import Placed
-from meshtrace.models import Family, Finite, Model, Positive
+from meshtrace.models import Family, Finite, Floats, Model, Positive
 from meshtrace.optics.fresnel import unit_vector
 
 __all__ = [
@@ -19,6 +22,9 @@ __all__ = [
     "WaterAperture",
     "WaterReceiver",
 ]
+
+
+_WIDEST_IMAGE = 170.0  # [deg], full field of view of an image; its tangent diverges at 180
 
 
 class Aperture(
@@ -46,8 +52,61 @@ class Aperture(
     def axis(self) -> tuple[float, float, float]:
         """Direction of light at normal incidence."""
 
+    def azimuths_of(self, directions: Floats) -> Floats:
+        """Return the azimuths of the sides that light along directions (n, 3) comes from [rad].
 
-class Receiver(Aperture, frozen=True):
+        About the line of sight, counter-clockwise seen from above from the x axis of the image: x
+        and y turned with the line of sight by the shortest way from the vertical.
+        """
+        sight = -np.array(self.axis)
+        vertical = np.array([0.0, 0.0, math.copysign(1.0, sight[2])])
+        middle = sight + vertical
+        # rotation of a vector e across the vertical v to the unit vector s (Rodrigues),
+        # e - (s + v) (s . e) / (1 + s . v)
+        image = np.eye(3)[:2] - np.outer(sight[:2] / (1.0 + sight @ vertical), middle)
+        x, y = -image @ directions.T
+        return np.asarray(np.arctan2(y, x))
+
+
+class Camera(Aperture, frozen=True):
+    """Base of receivers whose field of view may be divided into pixels.
+
+    Parameters
+    ----------
+    pixels : int
+        Pixels along each side of a square array in the focal plane of a lens without distortion,
+        1 ... 32. Pixel (i, j) sees the light whose tangents (x, y) to the line of sight are in
+        the i-th and j-th of as many equal parts from -tan(fov / 2) to tan(fov / 2), along the axes
+        of the image, see `azimuths_of`. The round field of view leaves the corners dark.
+    """
+
+    pixels: int = Field(default=1, ge=1, le=32)
+
+    @model_validator(mode="after")
+    def _flat_image(self) -> Self:
+        if self.pixels > 1 and self.fov_deg >= _WIDEST_IMAGE:
+            allowed = f"< {_WIDEST_IMAGE:g} with pixels: a flat array has no image of the horizon"
+            raise Refused("fov_deg", self.fov_deg, allowed)
+        return self
+
+    @property
+    def pixel_edges(self) -> Floats:
+        """Tangents at the edges of the pixels along either axis of the image, (pixels + 1,)."""
+        edge = math.tan(math.radians(0.5 * self.fov_deg))
+        return np.linspace(-edge, edge, self.pixels + 1)
+
+    def pixels_of(self, angle: Floats, azimuth: Floats) -> NDArray[np.int64]:
+        """Return the numbers i * pixels + j of the pixels (i, j) that see light, shape (n,).
+
+        `angle` is that to the axis, `azimuth` of the side that the light comes from [rad].
+        """
+        tangent = np.tan(np.minimum(angle, math.radians(0.5 * self.fov_deg)))
+        place = np.array([tangent * np.cos(azimuth), tangent * np.sin(azimuth)])
+        part = np.searchsorted(self.pixel_edges[1:-1], place, side="right")
+        return np.asarray(part[0] * self.pixels + part[1], np.int64)
+
+
+class Receiver(Camera, frozen=True):
     """Disk that collects light in the air.
 
     A photon counts if it meets the disk within the field of view: |q - center| <= radius and
@@ -66,6 +125,8 @@ class Receiver(Aperture, frozen=True):
     tilt_deg, tilt_azimuth_deg : float
         Tilt of the line of sight from straight down, 0 <= tilt <= 180, and its azimuth from +x,
         counter-clockwise [deg].
+    pixels : int
+        Pixels along each side of a square array that divides the field of view, 1 ... 32.
 
     Notes
     -----
@@ -115,7 +176,7 @@ class WaterAperture(Aperture, frozen=True):
         return unit_vector(self.zenith_deg, self.azimuth_deg)
 
 
-class WaterReceiver(Aperture, frozen=True):
+class WaterReceiver(Camera, frozen=True):
     """Disk that collects light in the water.
 
     Parameters
@@ -131,6 +192,8 @@ class WaterReceiver(Aperture, frozen=True):
     tilt_deg, tilt_azimuth_deg : float
         The receiver looks up; tilt leans its line of sight from straight up towards the azimuth
         (from +x counter-clockwise) [deg], 0 <= tilt <= 180.
+    pixels : int
+        Pixels along each side of a square array that divides the field of view, 1 ... 32.
 
     Notes
     -----

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from meshtrace.checks import Shape
-from meshtrace.errors import Described, Refused, require_finite
+from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.models import Floats
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import Stored, Variable
@@ -38,6 +38,10 @@ class Background(Stored, kind="background", title="meshtrace background light"):
         Etendue [m2 sr]: area of the aperture times projected solid angle pi sin^2 psi.
     wavelength_nm : float
         Wavelength [nm].
+    pixel_radiance, pixel_radiance_stderr : ndarray, shape (pixels, pixels), or None
+        What each pixel (i, j) of a receiver adds to `radiance`, sun, sky and light out of the water
+        together, and its standard error; the power of a pixel is this times `acceptance`. The disk
+        of the sun counts for the pixel of its centre.
     provenance : dict
         Link, sea, daylight, seeds and versions.
     """
@@ -49,17 +53,55 @@ class Background(Stored, kind="background", title="meshtrace background light"):
     acceptance: Annotated[float, Variable()]
     wavelength_nm: Annotated[float, Variable()]
     provenance: dict[str, Any] = field(default_factory=dict)
+    pixel_radiance: Annotated[Floats | None, Variable("pixel_x", "pixel_y")] = None
+    pixel_radiance_stderr: Annotated[Floats | None, Variable("pixel_x", "pixel_y")] = None
 
     @classmethod
     def of_groups(
-        cls, parts: Annotated[Floats, Shape("n parts")], acceptance: float, wavelength_nm: float
-    ) -> Self:
-        """Return the mean of n independent samples (n, parts), its error from their scatter."""
+        cls, by_pixel: Annotated[Floats, Shape("n pixels parts")], acceptance: float,
+        wavelength_nm: float, side: int = 1,
+    ) -> Self:  # fmt: skip
+        """Return the mean of n independent samples (n, pixels, parts), with errors by scatter.
+
+        `side` is the number of pixels along a side.
+        """
+        # contiguous: sums over parts then have one order of additions, whatever the pixels
+        parts = np.ascontiguousarray(by_pixel.sum(axis=1))
         total = parts.sum(axis=1)
         # the parts of a sample share its rays: their errors are correlated, and do not add in
         # quadrature to that of the sum
         radiance = float(total.mean()), float(error_of_groups(total))
-        return cls(parts.mean(axis=0), error_of_groups(parts), *radiance, acceptance, wavelength_nm)
+        whole = cls(
+            parts.mean(axis=0), error_of_groups(parts), *radiance, acceptance, wavelength_nm
+        )
+        if side == 1:
+            return whole
+        pixels = by_pixel.sum(axis=2).reshape(len(parts), side, side)
+        return replace(
+            whole, pixel_radiance=pixels.mean(axis=0), pixel_radiance_stderr=error_of_groups(pixels)
+        )
+
+    def of_pixel(self, i: int, j: int) -> Background:
+        """Return the background of pixel (i, j), as a radiance over the whole field of view.
+
+        Raises
+        ------
+        Refused
+            If the receiver has no such pixel.
+        """
+        side = 1 if self.pixel_radiance is None else len(self.pixel_radiance)
+        require_whole(i, 0, side - 1, "i")
+        require_whole(j, 0, side - 1, "j")
+        if self.pixel_radiance is None or self.pixel_radiance_stderr is None:
+            return self
+        value, error = self.pixel_radiance[i, j], self.pixel_radiance_stderr[i, j]
+        # shares of a sum: its parts are not kept by pixel
+        share = value / max(self.radiance, 1e-300)
+        return replace(
+            self, part_radiance=share * self.part_radiance, radiance=float(value),
+            part_radiance_stderr=share * self.part_radiance_stderr, radiance_stderr=float(error),
+            pixel_radiance=None, pixel_radiance_stderr=None,
+        )  # fmt: skip
 
     @property
     def parts(self) -> dict[str, float]:

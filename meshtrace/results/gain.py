@@ -113,6 +113,8 @@ _MESH_ERROR_SHOWN = 0.5
 _PER_RECEIVER = Variable("receiver")
 PER_LAMP = Variable("transmitter", "receiver")
 """Description of values by lamp and receiver."""
+PER_PIXEL = Variable("receiver", "pixel_x", "pixel_y")
+"""Description of values by receiver and pixel."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -164,6 +166,10 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
     gain_by_lamp_groups : ndarray, shape (transmitters, receivers, 32), or None
         The same by independent group of samples. All pairs have the same samples: their errors
         have the covariance of these estimates, over 32.
+    gain_by_pixel, gain_by_pixel_stderr : ndarray, shape (receivers, pixels, pixels), or None
+        Gain of each pixel (i, j) of receivers that have them, and its standard error; sums over
+        the pixels are the gain. Directions of unscattered light are those to facets: an edge
+        between pixels is as sharp as a facet.
     arrivals : ArrivalTally, optional
         Arrivals with their path lengths.
     planes : Planes, optional
@@ -198,6 +204,8 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
     gain_by_lamp: Annotated[Floats | None, PER_LAMP] = None
     gain_by_lamp_stderr: Annotated[Floats | None, PER_LAMP] = None
     gain_by_lamp_groups: Annotated[Floats | None, Variable(*PER_LAMP.dims, "group")] = None
+    gain_by_pixel: Annotated[Floats | None, PER_PIXEL] = None
+    gain_by_pixel_stderr: Annotated[Floats | None, PER_PIXEL] = None
     arrivals: Annotated[ArrivalTally | None, Part(ArrivalTally)] = None
     planes: Annotated[Planes | None, Part(Planes)] = None
     map: Annotated[MapTally | None, Part(MapTally)] = None

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.errors import Described, Refused, require_finite, require_whole
 from meshtrace.models import Floats
-from meshtrace.results.gain import PER_LAMP, GainResult
+from meshtrace.results.gain import PER_LAMP, PER_PIXEL, GainResult
 from meshtrace.results.provenance import water_of
 from meshtrace.stored import Stacked, Stored, Variable
 
@@ -77,6 +77,9 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
         Gain by lamp and receiver over the power of all lamps, and its standard error.
     gain_by_lamp_groups : ndarray, shape (transmitters, receivers, 32), or None
         Means of the same by independent group of samples, see `GainResult`.
+    gain_by_pixel, gain_by_pixel_stderr : ndarray, shape (n, receivers, pixels, pixels), or None
+        Gain of each pixel, and its standard error without that of the quadrature of unscattered
+        light, see `GainResult`.
     """
 
     along: Literal["time", "realization"]
@@ -89,6 +92,8 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
     gain_by_lamp: Annotated[Floats | None, _BY_LAMP] = None
     gain_by_lamp_stderr: Annotated[Floats | None, _BY_LAMP] = None
     gain_by_lamp_groups: Annotated[Floats | None, Variable(*PER_LAMP.dims, "group")] = None
+    gain_by_pixel: Annotated[Floats | None, Variable("step", *PER_PIXEL.dims)] = None
+    gain_by_pixel_stderr: Annotated[Floats | None, Variable("step", *PER_PIXEL.dims)] = None
 
     _step_name: ClassVar[str] = "along"
 
@@ -96,6 +101,15 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
     def gains(self) -> Floats:
         """Gains as an array, shape (n, receivers) also for a single receiver."""
         return self.gain.reshape(len(self.coordinate), -1)
+
+    @property
+    def best_pixel(self) -> NDArray[np.int64]:
+        """Pixel (i, j) with the most light over each surface, shape (n, receivers, 2)."""
+        if self.gain_by_pixel is None:
+            raise Refused("receiver.pixels", 1, "2 or more, for a property of pixels")
+        n, receivers, side, _ = self.gain_by_pixel.shape
+        best = self.gain_by_pixel.reshape(n, receivers, -1).argmax(axis=-1)
+        return np.stack(np.unravel_index(best, (side, side)), axis=-1)
 
     @property
     def mean_stderrs(self) -> Floats:

@@ -132,8 +132,10 @@ class ArrivalTally(Tally):
     time : ndarray, shape (arrivals,)
         Time from emission to arrival [s], by the phase velocities.
     angle : ndarray, shape (arrivals,)
-        Angle of arrival to the axis of the receiver [rad]; nan where it is not known, that is for
-        joined photons of a downlink.
+        Angle of arrival to the axis of the receiver [rad].
+    azimuth : ndarray, shape (arrivals,)
+        Azimuth of the side that the light comes from about the line of sight [rad], see
+        `Receiver.azimuths_of`.
     group : ndarray, shape (arrivals,)
         Index of the independent group of samples, 0 to 31, that an arrival belongs to; each group
         has an equal share of the samples. -1: no Monte Carlo error, part of every group.
@@ -155,6 +157,7 @@ class ArrivalTally(Tally):
     air_path: Annotated[Floats, Variable("arrival", name="arrival_air_path")]
     time: Annotated[Floats, Variable("arrival", name="arrival_time")]
     angle: Annotated[Floats, Variable("arrival", name="arrival_angle")]
+    azimuth: Annotated[Floats, Variable("arrival", name="arrival_azimuth")]
     group: Annotated[NDArray[np.int64], Variable("arrival", name="arrival_group")]
     sample: Annotated[NDArray[np.int64], Variable("arrival", name="arrival_sample")]
     part: Annotated[NDArray[np.int64], Variable("arrival", name="arrival_part")]

@@ -1,3 +1,5 @@
+from .availability_result import Availability as Availability
+from .availability_study import availability as availability
 from .background import background_series as background_series
 from .caustics import light_pattern as light_pattern
 from .comparison import Comparison as Comparison
@@ -17,8 +19,8 @@ from .fading_convergence import fading_study as fading_study
 from .keys import Variant as Variant
 from .performance import LinkPerformance as LinkPerformance
 from .performance import link_performance as link_performance
-from .planning import Availability as Availability
-from .planning import availability as availability
+from .pixels import PixelSignals as PixelSignals
+from .pixels import pixel_signals as pixel_signals
 from .sensitivity import Sensitivities as Sensitivities
 from .sensitivity import sensitivities as sensitivities
 from .sensitivity import swings as swings

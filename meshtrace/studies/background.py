@@ -168,16 +168,23 @@ def background_over_seas(
     if len(by_sea) == 1:
         return first
     parts = np.array([background.part_radiance for background in by_sea])
-    mean = Background.of_groups(parts, first.acceptance, first.wavelength_nm)
+    mean = Background.of_groups(parts[:, None], first.acceptance, first.wavelength_nm)
     # all seas share their rays, whose error therefore does not fall with the number of seas
     rays = np.mean([background.part_radiance_stderr for background in by_sea], axis=0)
     rays_in_all = float(np.mean([background.radiance_stderr for background in by_sea]))
-    return replace(
+    mean = replace(
         mean,
         part_radiance_stderr=np.hypot(mean.part_radiance_stderr, rays),
         radiance_stderr=math.hypot(mean.radiance_stderr, rays_in_all),
         provenance=first.provenance,
     )
+    if first.pixel_radiance is None:
+        return mean
+    pixels, errors = np.array([
+        (background.pixel_radiance, background.pixel_radiance_stderr) for background in by_sea
+    ]).swapaxes(0, 1)  # fmt: skip
+    error = np.hypot(error_of_groups(pixels), errors.mean(axis=0))
+    return replace(mean, pixel_radiance=pixels.mean(axis=0), pixel_radiance_stderr=error)
 
 
 def _steps(campaign: Campaign, seas: int, flight: Flight | None, most: int) -> Steps:
@@ -351,15 +358,22 @@ def backgrounds(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -
     # the threads are those of the rays over one surface
     single_threaded = campaign._replace(run=campaign.run.replace(threads=1))
     name = f"background of {', '.join(campaign.links)} by {day.light}"
-    shape = (2 * len(PARTS) + 4,)
+    side = campaign.link.pixels
+    pixels = side * side if side > 1 else 0
+    shape = (2 * len(PARTS) + 4 + 2 * pixels,)
     table = single_threaded.evaluate(
         setup, range(len(steps.labels)), name, identity, lambda step: shape
     )
     results = []
     for row in table:
-        parts, errors, numbers = np.split(row, [len(PARTS), 2 * len(PARTS)])
+        ends = np.cumsum([len(PARTS), len(PARTS), 4])
+        parts, errors, numbers, by_pixel = np.split(row, ends)
         total, error, acceptance, wavelength = numbers.tolist()
-        results.append(Background(parts, errors, total, error, acceptance, wavelength, origin))
+        result = Background(parts, errors, total, error, acceptance, wavelength, origin)
+        if pixels:
+            values, stderr = by_pixel.reshape(2, side, side)
+            result = replace(result, pixel_radiance=values, pixel_radiance_stderr=stderr)
+        results.append(result)
     return results
 
 
@@ -375,6 +389,9 @@ def _background_numbers(
         mesh, _ = mesh_for(link, surface, case.meshing)
         (seen,) = backgrounds_over(case, mesh, [link], [day], photons)
         numbers = seen.radiance, seen.radiance_stderr, seen.acceptance, seen.wavelength_nm
-        return np.concatenate([seen.part_radiance, seen.part_radiance_stderr, numbers])
+        columns: list[Any] = [seen.part_radiance, seen.part_radiance_stderr, numbers]
+        if seen.pixel_radiance is not None and seen.pixel_radiance_stderr is not None:
+            columns += [seen.pixel_radiance.ravel(), seen.pixel_radiance_stderr.ravel()]
+        return np.concatenate(columns)
 
     return numbers_over

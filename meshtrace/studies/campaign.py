@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.correlated import FrozenForced, SpectralDetection
 from meshtrace.engine.forced import MANY_SEAS, ForcedDetection, TypicalSea
+from meshtrace.engine.gains import pixel_groups, table_of
 from meshtrace.engine.outcome import groups_by_lamp
 from meshtrace.engine.photons.analog import run_analog
 from meshtrace.engine.setup.ends import resolved_reach
@@ -117,6 +118,8 @@ class Campaign(NamedTuple):
         Half-width of the finely meshed part of the surface, over that of `Link.lit_patch`.
     per_lamp : bool
         Whether gains by pair of lamp and receiver, lamp after lamp, follow those of the receivers.
+    per_pixel : bool
+        Whether gains by pixel, receiver after receiver, follow as the last.
     """
 
     links: Mapping[str, Link]
@@ -130,6 +133,12 @@ class Campaign(NamedTuple):
     spectral: bool = False
     fine_patch: float = 1.0
     per_lamp: bool = False
+    per_pixel: bool = False
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels whose gains are asked for, along a side; 1 for none."""
+        return self.link.pixels if self.per_pixel else 1
 
     @property
     def link(self) -> Link:
@@ -138,9 +147,10 @@ class Campaign(NamedTuple):
 
     @property
     def columns(self) -> int:
-        """Number of gains of a link over a surface: receivers, and pairs if `per_lamp`."""
+        """Number of gains of a link over a surface: receivers, pairs if `per_lamp`, and pixels."""
         pairs = len(self.link.transmitters) if self.per_lamp else 0
-        return (1 + pairs) * len(self.link.receivers)
+        pixels = self.pixels**2 if self.pixels > 1 else 0
+        return (1 + pairs + pixels) * len(self.link.receivers)
 
     @property
     def threads(self) -> int:
@@ -476,6 +486,7 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
 
     if isinstance(run.estimator, Analog):
         return lambda i: _analog_gains(campaign, links_at(i), make_mesh(i))
+    pixels = campaign.pixels > 1
     n_probed = min(1 if steps.links else probed, len(steps.labels))
     # probed meshes serve the loop, too: each once, so that memory is freed as the loop goes on
     probed_meshes = {i: make_mesh(i) for i in range(n_probed)}
@@ -489,11 +500,21 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
 
         # shape (2, links, columns, shifts): gains and their unscattered parts
         def over_mesh(mesh: TriangleMesh) -> Floats:
-            by_chains = (c.at_wavelengths(mesh, per_lamp=campaign.per_lamp) for c in detections)
-            parts = [part.with_lamps for gains in by_chains for part in gains]
-            shifts = [np.concatenate([part.shifts for part in parts_of]) for parts_of in parts]
-            direct = [np.concatenate([part.direct for part in parts_of]) for parts_of in parts]
-            return np.array([shifts, direct])
+            each = [
+                by_wavelength
+                for c in detections
+                for by_wavelength in c.at_wavelengths(
+                    mesh, record=pixels, per_lamp=campaign.per_lamp
+                )
+            ]
+            values = []
+            for gains_of, link in zip(each, links, strict=True):
+                columns = [(part.shifts, part.direct) for part in gains_of.with_lamps]
+                if pixels:
+                    by_pixel = pixel_groups(gains_of.table[0], link).reshape(-1, SHIFTS)
+                    columns.append((by_pixel, np.full_like(by_pixel, np.nan)))
+                values.append([np.concatenate(kind) for kind in zip(*columns, strict=True)])
+            return np.moveaxis(np.array(values), 1, 0)
 
         return over_mesh
 
@@ -501,7 +522,7 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
         over_mesh = gains(links)
         return lambda i: over_mesh(mesh(i))
     # ends that only tilt share one mesh and, where chains serve neighbours, one set of chains
-    shared_mesh = widest and not campaign.spectral and not campaign.per_lamp
+    shared_mesh = widest and not campaign.spectral and not campaign.per_lamp and not pixels
     if not shared_mesh or not all(
         isinstance(chains, ForcedDetection) and chains.serves_neighbours
         for chains in campaign.detections(links, typical)
@@ -528,7 +549,7 @@ def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh)
     assert isinstance(run.estimator, Analog)
     photons = run.photons // SHIFTS
     # 32 disjoint ranges of photons give the error, as the 32 shifts of chains do
-    record = [Arrivals()] if campaign.per_lamp else []
+    record = [Arrivals()] if campaign.per_lamp or campaign.pixels > 1 else []
     gains = np.empty((len(links), campaign.columns, SHIFTS))
     for i, link in enumerate(links):
         for shift in range(SHIFTS):
@@ -543,8 +564,14 @@ def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh)
                 record=record,
             )
             total = sums.score[: len(link.receivers)] / photons
-            pairs = [groups_by_lamp(sums, run.seed, link).mean(axis=-1).ravel()] if record else []
-            gains[i, :, shift] = np.concatenate([total, *pairs])
+            columns = [total]
+            if campaign.per_lamp:
+                columns.append(groups_by_lamp(sums, run.seed, link).mean(axis=-1).ravel())
+            if campaign.pixels > 1:
+                hits = sums.all_arrivals
+                table = table_of(hits, hits["weight"] / photons, 1.0, link)
+                columns.append(pixel_groups(table, link).mean(axis=-1).ravel())
+            gains[i, :, shift] = np.concatenate(columns)
     return np.array([gains, np.full_like(gains, np.nan)])
 
 

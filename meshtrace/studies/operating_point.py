@@ -30,8 +30,8 @@ from meshtrace.uav import Flight, TiltFactors
 
 _RESAMPLES = 1000
 _QUANTILES = 500  # that stand for the law of the gain in the capacity
-Expose = Callable[[OokLink], OokLink]
-"""Adds the background light of a receiver to its transmission."""
+Expose = Callable[..., OokLink]
+"""Adds the background light of a receiver, or of its `pixel` (i, j), to its transmission."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +65,8 @@ class FadingSamples:
         if self.array is None:
             return self
         gains = self.series.gain
+        if self.series.gain_by_pixel is not None and self.array.pixels > 1:
+            gains = self.series.gain_by_pixel.reshape(len(gains), -1)
         links = self.array.links(ook, expose)
         gain = equivalent_gain(links, gains, limit, self.array.combining)
         # the errors of the receivers have the same chains: they add
@@ -113,15 +115,33 @@ class FadingSamples:
 
 
 class Array(NamedTuple):
-    """Several receivers of one signal."""
+    """Several receivers of one signal, or the pixels of one."""
 
     optics: tuple[OpticalFrontEnd, ...]
     combining: Combining
-    gains: Floats | None = None  # (seas, receivers)
+    gains: Floats | None = None  # (seas, receivers or pixels)
+    pixels: int = 1  # along a side of the receiver
 
     def links(self, ook: OokLink, expose: Expose) -> list[OokLink]:
-        """Return the transmission to each receiver, under its background."""
+        """Return the transmission to each receiver or pixel, under its background."""
+        if self.pixels > 1:
+            return [expose(ook, pixel=pixel) for pixel in np.ndindex(self.pixels, self.pixels)]
         return [expose(ook.replace(optics=optics)) for optics in self.optics]
+
+
+def pixel_array(link: Link, combining: Combining, flight: Flight | None) -> Array | None:
+    """Return the pixels of the only receiver of a link as an array; None for one without.
+
+    Each has the detector of the transmission.
+    """
+    if link.pixels == 1:
+        return None
+    if len(link.receivers) > 1:
+        n = Described(f"{len(link.receivers)} apertures")
+        raise Refused("receiver", n, "one aperture with pixels")
+    if flight is not None and not flight.coupled:
+        raise Refused("coupled", False, "True with pixels: a tilt moves the light between them")
+    return Array((), combining, pixels=link.pixels)
 
 
 def array_of(link: Link, ook: OokLink, combining: Combining, needs_one_view: Any) -> Array | None:
@@ -220,7 +240,7 @@ class Ensemble(NamedTuple):
             series = replace(series, provenance=series.provenance | campaign.of_flight(flight))
             # a constant gain has no correlation to estimate
             n = effective_samples(series.gain) if np.ptp(series.gain) > 0.0 else float(self.n)
-            return FadingSamples(series, _LEVEL, n)
+            return FadingSamples(series, _LEVEL, n, self.array)
         seas = float(len(series.gain))
         if flight is None:
             return FadingSamples(series, _LEVEL, seas, self.array)
@@ -314,16 +334,22 @@ def operating_point(
         reach = quantile * seen.rms_spread_stderr
         spread = Estimate(mean, max(mean - reach, 0.0), mean + reach)
 
-    def expose(transmission: OokLink, scale: float = 1.0) -> OokLink:
+    def expose(
+        transmission: OokLink, scale: float = 1.0, pixel: tuple[int, int] | None = None
+    ) -> OokLink:
         if background is None:
             return transmission
-        return with_background(transmission, background, scale)
+        seen = background if pixel is None else background.of_pixel(*pixel)
+        return with_background(transmission, seen, scale)
 
     samples = samples.combined(dark, expose, limit)
     gain = samples.mean_gain(quantile)
     power = Estimate(*dark.received_power(gain).tolist())
-    ook, widest = expose(dark), math.nan
-    if background is not None:
+    array, widest = samples.array, math.nan
+    # the equivalent gain is that of the first of several receivers or pixels
+    ook = expose(dark) if array is None else array.links(dark, expose)[0]
+    # of a single pixel the whole background tells no filter
+    if background is not None and (array is None or array.pixels == 1):
         widest = (
             widest_filter_nm(dark, background, power.value, limit) if power.value > 0.0 else 0.0
         )

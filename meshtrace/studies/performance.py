@@ -39,6 +39,7 @@ from meshtrace.studies.operating_point import (
     OperatingPoint,
     array_of,
     operating_point,
+    pixel_array,
 )
 from meshtrace.studies.series import closed_form
 from meshtrace.uav import Flight, tilt_outage_note
@@ -517,7 +518,10 @@ def link_performance(
         electronics = (detector or "physical") if ook is None else ook
         ooks = tuple(OokLink.of_link(campaign.link, electronics, rate, 0) for rate in rates)
         flown = campaign.flight(flight)
-        array = array_of(campaign.link, ooks[0], combining, light_of(campaign, day) or flown)
+        array = pixel_array(campaign.link, combining, flown) or array_of(
+            campaign.link, ooks[0], combining, light_of(campaign, day) or flown
+        )
+        campaign = campaign._replace(per_pixel=True)
         ensemble = Ensemble(campaign, realizations, flown, tuple(at_nm), computed, array)
         links = _links(ooks[0].channel(campaign.link), depths)
         return _over_depths(ensemble, links, ooks, light_of(campaign, day), limit, confidence)

@@ -106,7 +106,7 @@ def time_series(
         surface, times = None, surface
     campaign = campaign_of(
         link, surface, "time_series", run, fading=True, analog=True, wavelengths_nm=wavelengths_nm
-    )._replace(per_lamp=per_lamp)
+    )._replace(per_lamp=per_lamp, per_pixel=True)
     at = require_finite(times, "times", "finite times (n,) [s], n >= 1")
     flight = flight and flight.checked()
     # one time of a mesh contradicts many
@@ -167,7 +167,7 @@ def ensemble(
     """
     campaign = campaign_of(
         link, surface, "ensemble", run, fading=True, analog=True, wavelengths_nm=wavelengths_nm
-    )._replace(per_lamp=per_lamp)
+    )._replace(per_lamp=per_lamp, per_pixel=True)
     if campaign.spectral:
         return by_wavelength(campaign, campaign.realizations(realizations))
     return _beside_closed_form(campaign, over_realizations(campaign, realizations))
@@ -273,10 +273,16 @@ def gain_series(
         error_of_groups(gain.mean(axis=0), -1)[()],
         campaign.provenance(link),
     )
+    # columns: receivers, then pairs, then pixels
+    further, m = gains[0, names.index(name), :, n:], campaign.pixels
+    if m > 1:
+        pixels = further[:, -n * m * m :].reshape(len(gain), n, m, m, SHIFTS)
+        stderr = error_of_groups(pixels, -1)
+        series = replace(series, gain_by_pixel=pixels.mean(axis=-1), gain_by_pixel_stderr=stderr)
+        further = further[:, : -n * m * m]
     if not campaign.per_lamp:
         return series
-    # columns: receivers, then pairs
-    pairs = gains[0, names.index(name), :, n:].reshape(len(gain), -1, n, SHIFTS)
+    pairs = further.reshape(len(gain), -1, n, SHIFTS)
     return replace(
         series,
         gain_by_lamp=pairs.mean(axis=-1),

@@ -164,7 +164,7 @@ def test_the_error_of_a_mean_delay_is_that_of_the_mean_of_its_groups():
     integers = np.zeros(n * each, np.int64)
     arrivals = tallies.ArrivalTally(
         receiver=integers, weight=zeros + 1e-6, water_path=zeros, air_path=zeros,
-        time=time.ravel(), angle=zeros, group=group, sample=integers, part=integers,
+        time=time.ravel(), angle=zeros, azimuth=zeros, group=group, sample=integers, part=integers,
         order=integers,
     )  # fmt: skip
     error = time.mean(axis=1).std(ddof=1) / math.sqrt(n)

@@ -50,6 +50,9 @@ def _studies(design, availability):
         ),
         "design": design,
         "availability": availability,
+        "pixels": mt.studies.pixel_signals(
+            mt.Link(receiver=mt.Receiver(pixels=2)), sea, day, photons=64, rays=64
+        ),
         "wavelengths": mt.simulate(
             link.replace("water", mt.Water.from_type("jerlov-II")), sea, photons=64,
             wavelengths_nm=[450.0, 500.0],

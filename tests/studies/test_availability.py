@@ -13,7 +13,8 @@ from scipy import optimize, special, stats
 import meshtrace as mt
 from meshtrace.errors import Refused
 from meshtrace.fading import gamma_gamma
-from meshtrace.studies import availability, planning
+from meshtrace.studies import availability, availability_runs, availability_study
+from meshtrace.studies.availability_shares import DAYS, ShareSurfaces
 from meshtrace.studies.background import mean_sea
 from meshtrace.studies.inputs import Axis, read_inputs
 from meshtrace.studies.response_surface import ResponseSurface
@@ -37,7 +38,7 @@ def answer(log_gain, variance, laws, n=32, outage=0.01, need=1.0, seed=3):
     rows = np.transpose([gain, 1e-4 * gain, variance(*values.T), np.full(n, need)])
     # variances over so many seas have no noise
     study = SimpleNamespace(realizations=100_000, seed=seed)
-    return planning._Answer(study, inputs, axes, values, rows, (outage, 0.9), math.nan)
+    return ShareSurfaces(study, inputs, axes, values, rows, (outage, 0.9), math.nan)
 
 
 def test_shares_are_those_of_the_law_of_fades():
@@ -138,7 +139,7 @@ def test_another_threshold_takes_no_new_runs(tmp_path, monkeypatch):
     options = FEW | {"store": tmp_path / "a.store", "over": {}}
     inputs = {"water.a": {"samples": np.linspace(0.05, 0.3, 40)}}
     first = availability(CLEAR, inputs, threshold=1e-5, **options)
-    monkeypatch.setattr(planning, "simulate", None)
+    monkeypatch.setattr(availability_runs, "simulate", None)
     again = availability(CLEAR, inputs, threshold=1e-4, threads=1, **options)
     assert (first.run_gain == again.run_gain).all()
     assert again.year.share < first.year.share
@@ -150,7 +151,7 @@ def test_months_of_a_law_and_of_samples(calm_availability):
     months = calm_availability.months
     assert [*months] == [*range(1, 13)]
     assert months[12].share < months[6].share
-    year = np.array([months[m].share for m in months]) @ planning._DAYS
+    year = np.array([months[m].share for m in months]) @ DAYS
     assert calm_availability.year.share == pytest.approx(year, abs=1e-9)
     text = calm_availability.summary()
     assert "\n12 " in text
@@ -182,7 +183,7 @@ def test_samples_of_files(tmp_path):
     values = np.transpose([axis.value(np.linspace(0, 1, 8)) for axis in axes])
     rows = np.transpose([np.exp(values[:, 0]), np.ones(8), 0.1 * np.ones(8), np.ones(8)])
     study = SimpleNamespace(realizations=4, seed=1)
-    found = planning._Answer(study, inputs, axes, values, rows, (0.1, 0.9), math.nan)
+    found = ShareSurfaces(study, inputs, axes, values, rows, (0.1, 0.9), math.nan)
     assert found._states[..., 1] == pytest.approx(0.1 * found._states[..., 0])
 
 
@@ -294,7 +295,7 @@ def test_fades_against_seas_of_random_states():
     base = {"transmitter.depth": 20.0, "transmitter.wavelength_nm": 490.0}
     scenario = mt.Scenario.from_toml("", changes=base)
     got = availability(scenario, threshold=1.5e-5, over={})
-    wind, chlorophyll = read_inputs(planning.PRIOR)
+    wind, chlorophyll = read_inputs(availability_study.PRIOR)
     works = []
     for seed, (u, v) in enumerate(stats.qmc.Sobol(2, rng=11).random(128)):
         values = {

@@ -85,6 +85,9 @@ def sound(scene, calm_design, calm_availability):
         "plot_comparison": {"result": mt.compare({"a": LINK, "b": sharp}, FLAT, **few)},
         "plot_tornado": {"s": mt.sensitivities(LINK, FLAT, ["water.a"], **few), "change": 0.1},
         "plot_availability": {"a": calm_availability},
+        "plot_pixels": {"signals": mt.studies.pixel_signals(
+            mt.Link(receiver=mt.Receiver(pixels=2)), FLAT, mt.Daylight.overcast(), rays=64, **few
+        )},
         "plot_optimum": {"o": mt.optimize(LINK, FLAT, {"receiver.fov_deg": (10.0, 60.0)}, "gain",
                                           realizations=1, **few)},
         "plot_design": {"d": calm_design, "light": "day"},

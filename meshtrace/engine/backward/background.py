@@ -106,12 +106,13 @@ def seen_from_water(
 ) -> Floats:
     """Return the radiances of the parts by shift for a receiver in the water.
 
-    Shape (wavelengths, shifts, parts) [W m-2 sr-1 nm-1], at the wavelengths of links. Sunlight that
+    Shape (wavelengths, shifts, pixels, parts) [W m-2 sr-1 nm-1], at the wavelengths of links; a
+    pixel has its share of the mean over the field of view. Sunlight that
     reaches the receiver unscattered crosses the mesh; sunlight that is scattered on its way enters
     through a level surface.
     """
     view = view_of(links[0], photons, case.run.seed)
-    parts = np.zeros((len(links), SHIFTS, len(PARTS)))
+    parts = np.zeros((len(links), SHIFTS, view.pixels, len(PARTS)))
     walked = walked_radiance(case, mesh, links, days, view, in_water=True)
     parts[..., SKY], parts[..., SUN] = walked[..., 0], walked[..., 1]
     scene = scene_of(case, mesh, links, days)
@@ -123,10 +124,10 @@ def seen_from_water(
         law = Refraction(scene.sun, n)
         # random slopes bend the sun to the receiver everywhere, a mesh alone at separate points
         refract_sun = _through_slopes if scene.rough else bent_sun
-        through.append(refract_sun(scene, law, view, depths))
+        through.append(refract_sun(scene, law, view, depths).reshape(len(links), -1))
     # irradiance across the sun's beam [W m-2 nm-1], times the share of the sea that is free of foam
-    sun = scene.direct[:, None] * (1.0 - scene.foam)
-    parts[..., SUN] += sun * scene.at_wavelengths(through)
+    sun = scene.direct[:, None] * (1.0 - scene.foam) * scene.at_wavelengths(through)
+    parts[..., SUN] += sun.reshape(parts.shape[:-1])
     return parts
 
 
@@ -162,7 +163,7 @@ def _depth_of_local(link: Link) -> Depth:
 def _through_slopes(scene: SeenSea, law: Refraction, view: View, depths: Sequence[Depth]) -> Floats:
     """Return the mean radiance of the sun through unresolved slopes, over its irradiance [sr-1].
 
-    Shape (wavelengths, shifts); the irradiance E is that across the sun's beam in the air.
+    Shape (wavelengths, shifts, pixels); the irradiance E is that across the sun's beam in the air.
 
     L / E = (1 - rho) n^2 cos(theta_a) cos(theta_w) p(s_r - s_m) cos(b_g)
     / (cos^4(b) (n cos(theta_w) - cos(theta_a))^2 |w . n_g|): the microfacet law of Walter et al.
@@ -196,7 +197,7 @@ def _through_slopes(scene: SeenSea, law: Refraction, view: View, depths: Sequenc
         tau = np.array([depth(hit.point) for depth in depths]) / np.maximum(towards[:, 2], 1e-6)
         # `accepted` is the cosine at the aperture, 0 outside of the field of view
         seen = radiance * np.exp(-tau) * rays.accepted(towards) * (towards[:, 2] > 0.0)
-        return np.asarray(seen.reshape(len(depths), -1, rays.per_shift).mean(axis=2))
+        return rays.means(seen, towards)
 
     means = np.concatenate([mean(rays) for rays in view.blocks()], axis=1)
     # Mean radiance = int L cos dOmega / (pi sin^2 psi), psi half the field of view: the integral is
@@ -210,8 +211,8 @@ def walked_radiance(
 ) -> Floats:  # fmt: skip
     """Return the radiance of sky and of scattered sun at a receiver [W m-2 sr-1 nm-1].
 
-    Shape (wavelengths, shifts, 2). For a receiver in the air only light that has been in the water
-    counts.
+    Shape (wavelengths, shifts, pixels, 2). For a receiver in the air only light that has been in
+    the water counts.
 
     Raises
     ------
@@ -224,7 +225,7 @@ def walked_radiance(
         if form != required:
             allowed = f"{required}, for light that is traced backwards"
             raise Refused(f"physics.{name}", form, allowed)
-    radiances = np.zeros((len(links), SHIFTS, 2))
+    radiances = np.zeros((len(links), SHIFTS, view.pixels, 2))
     walk, waiting = _Walk(case, mesh, view, in_water), list(range(len(links)))
     # each pass follows the wavelengths that can share photons, those of alike phase functions
     while waiting:
@@ -250,18 +251,18 @@ class _Walk(NamedTuple):
     in_water: bool  # whether the receiver is in the water
 
     def at_one_wavelength(self, link: Link, day: Daylight) -> Floats:
-        """Return the radiance of sky and of scattered sun (1, shifts, 2)."""
+        """Return the radiance of sky and of scattered sun (1, shifts, pixels, 2)."""
         rays = np.arange(len(self.view.uniforms))
         tallies = self._tallies(link, day, rays, NO_TINTS)
         scores = np.concatenate([chunk.score for chunk in tallies])
         sky, sun = scores[:, SKY_SCORE], scores[:, SUN_SCORE] + scores[:, BUBBLE_SCORE]
-        by_shift = np.stack([sky, sun], axis=1).reshape(1, SHIFTS, -1, 2).mean(axis=2)
-        return by_shift * self._squared_index(link)
+        by_pixel = self.view.means(np.stack([sky, sun], axis=1).T, self.view.directions())
+        return np.moveaxis(by_pixel, 0, -1)[None] * self._squared_index(link)
 
     def at_wavelengths(
         self, links: Sequence[Link], days: Sequence[Daylight], paths: CommonPaths
     ) -> Floats:
-        """Return the radiances at wavelengths that share photons (wavelengths, shifts, 2).
+        """Return the radiances at wavelengths that share photons (wavelengths, shifts, pixels, 2).
 
         A base is a link whose absorption and scattering the photons follow. They follow several
         bases in turn, each with the smallest and with the largest refractive index, as in
@@ -271,7 +272,8 @@ class _Walk(NamedTuple):
         bases = [links[i] for i in tinting.bases] or [paths.bases[0]]
         # a run is a base (absorption and scattering) and an end (smallest or largest index)
         runs = [(base, end) for base in range(len(bases)) for end in range(len(paths.bases))]
-        per_shift, radiances = self.view.per_shift, np.zeros((len(links), SHIFTS, 2))
+        per_shift = self.view.per_shift
+        radiances = np.zeros((len(links), SHIFTS, self.view.pixels, 2))
         # Run of each ray of a shift, in contiguous parts: a part of a net of quasi-random points is
         # such a net, too.
         turn = np.arange(per_shift) * len(runs) // per_shift
@@ -291,15 +293,15 @@ class _Walk(NamedTuple):
             # is that over the photons of this index.
             part = paths.shares if end else 1.0 - paths.shares
             scale = part * per_shift / of_end if len(paths.bases) > 1 else 1.0
-            radiances += sums * np.broadcast_to(scale, len(links))[:, None, None]
+            radiances += sums * np.broadcast_to(scale, len(links))[:, None, None, None]
         irradiances = np.array([(day.diffuse, day.direct) for day in days])  # of sky and sun
-        return radiances * irradiances[:, None]
+        return radiances * irradiances[:, None, None]
 
     def _sums(
         self, link: Link, links: Sequence[Link], day: Daylight, rays: NDArray[np.int64],
         tinting: Tinting, mixture: Mixture,
     ) -> Floats:  # fmt: skip
-        """Estimate the radiances (wavelengths, shifts, 2) of `links` from photons of `link`.
+        """Estimate radiances (wavelengths, shifts, pixels, 2) of `links` from photons of `link`.
 
         Sums over `rays`, divided by the number of all photons of a shift.
         """
@@ -313,14 +315,18 @@ class _Walk(NamedTuple):
             last_events.append(
                 _last_scattering(link, links, float(sun[2]), self.in_water, by_bubbles)
             )
-        sums = np.zeros((len(last_events), SHIFTS, len(links)))
+        pixels = self.view.pixels
+        # group of a ray: its shift and the pixel that sees it
+        group = rays // per_shift * pixels + self.view.pixels_of(self.view.directions()[rays])
+        sums = np.zeros((len(last_events), SHIFTS * pixels, len(links)))
         for tallies in self._tallies(link, day, rays, tinting.tints):
             arrivals = tallies.arrivals[: int(tallies.n_arrivals[0])]
             for score, last in enumerate(last_events):
-                # adds to `sums[score]` in place, the group of a ray being its shift
-                add_tinted(arrivals, score, rays // per_shift, mixture, last, factors, sums[score])
+                # adds to `sums[score]` in place
+                add_tinted(arrivals, score, group, mixture, last, factors, sums[score])
         by_light = np.stack([sums[SKY_SCORE], sums[SUN_SCORE] + sums[BUBBLE_SCORE]])
-        return by_light.transpose(2, 1, 0) / per_shift * self._squared_index(link)
+        by_group = by_light.transpose(2, 1, 0).reshape(len(links), SHIFTS, pixels, 2)
+        return by_group / per_shift * self._squared_index(link)
 
     def _squared_index(self, link: Link) -> tuple[float, float]:
         """Return the factors on the radiance of sky and of scattered sun.
@@ -454,18 +460,22 @@ def seen_from_air(
 ) -> Floats:
     """Return the radiances of the parts by shift for a receiver in the air.
 
-    Shape (wavelengths, shifts, parts) [W m-2 sr-1 nm-1]; the links differ in their waters alone.
+    Shape (wavelengths, shifts, pixels, parts) [W m-2 sr-1 nm-1], as in `seen_from_water`; the links
+    differ in their waters alone.
     """
     view, scene = view_of(links[0], photons, case.run.seed), scene_of(case, mesh, links, days)
     blocks = [follow(scene, rays, case.run.seed) for rays in view.blocks()]
     parts = np.concatenate(blocks, axis=1)
     if scene.direct.any():
-        sun = scene.direct[:, None]
-        parts[..., SUN] += sun * sun_in_view(scene, view)
+        sun = scene.direct[:, None, None]
+        # the disk of the sun counts for the pixel of its centre
+        pixel = int(view.pixels_of(scene.sun[None])[0])
+        parts[:, :, pixel, SUN] += scene.direct[:, None] * sun_in_view(scene, view)
         # with random slopes `follow` has connected the sun at each reflection
         if not scene.rough:
-            glint = scene.at_wavelengths(bent_sun(scene, scene.mirror, view))
-            parts[..., GLINT] += sun * (1.0 - scene.foam) * glint
+            bent = bent_sun(scene, scene.mirror, view)
+            glint = scene.at_wavelengths(bent.reshape(len(bent), -1))
+            parts[..., GLINT] += sun * (1.0 - scene.foam) * glint.reshape(parts.shape[:-1])
     if days[0].water == "walk":
         walked = walked_radiance(case, mesh, links, days, view, in_water=False)
         parts[..., WATER] += walked.sum(axis=-1)
@@ -491,10 +501,11 @@ def sun_in_view(scene: SeenSea, view: View) -> float:
 def follow(scene: SeenSea, view: View, seed: int) -> Floats:
     """Return the mean radiance of each part along the rays of a view, without the sun's disk.
 
-    Shape (wavelengths, shifts, parts).
+    Shape (wavelengths, shifts, pixels, parts).
     """
     # columns 0 to 3 of the uniforms give the rays, the last three the random slope of a first hit
-    origin, direction, u = view.origins(), view.directions(), view.uniforms[:, 4:]
+    origin, towards, u = view.origins(), view.directions(), view.uniforms[:, 4:]
+    direction = towards
     out = np.zeros((len(scene.days), len(origin), len(PARTS)))
     # `weight` is the product of the reflectances so far, for the rays that are still under way
     weight, rays = np.ones((len(scene.days), len(origin))), np.arange(len(origin))
@@ -529,7 +540,7 @@ def follow(scene: SeenSea, view: View, seed: int) -> Floats:
         out[:, rays, WATER] += weight * water
         weight = weight * rho
         origin, direction = hit.point + _OFFSET * hit.facet_normal, mirrored
-    return np.asarray(out.reshape(len(out), -1, view.per_shift, len(PARTS)).mean(axis=2))
+    return np.moveaxis(view.means(np.moveaxis(out, -1, 1), towards), 1, -1)
 
 
 def _split(
@@ -698,4 +709,7 @@ def backgrounds_over(
     # etendue A pi sin^2(psi) [m2 sr], which turns mean radiance into power
     acceptance = math.pi**2 * aperture.radius**2 * sin2
     radiances = zip(seen(case, mesh, links, days, photons), days, strict=True)
-    return [Background.of_groups(parts, acceptance, day.wavelength_nm) for parts, day in radiances]
+    return [
+        Background.of_groups(parts, acceptance, day.wavelength_nm, getattr(aperture, "pixels", 1))
+        for parts, day in radiances
+    ]

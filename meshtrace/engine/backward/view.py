@@ -35,7 +35,7 @@ from meshtrace.engine.setup.options import Case
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import MeshArrays
 from meshtrace.link import Link
-from meshtrace.link.receivers import Aperture
+from meshtrace.link.receivers import Aperture, Camera
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.stored import SHIFTS
@@ -63,6 +63,7 @@ class View(NamedTuple):
     sin2_psi: float  # squared sine of half the field of view
     uniforms: Floats  # (rays, 7): two of the disk, two of the cone, three of the first random slope
     per_shift: int  # rays of each random shift of the quasi-random points; they are contiguous
+    aperture: Aperture
     first: int = 0  # number of the first ray of a block among all rays
 
     def blocks(self) -> Iterator[View]:
@@ -98,6 +99,33 @@ class View(NamedTuple):
         cosine = directions @ self.axis
         return np.where((cosine > 0.0) & (1.0 - cosine**2 <= self.sin2_psi), cosine, 0.0)
 
+    @property
+    def pixels(self) -> int:
+        """Number of all pixels."""
+        return int(getattr(self.aperture, "pixels", 1)) ** 2
+
+    def pixels_of(self, towards: Floats) -> NDArray[np.int64]:
+        """Return the numbers of the pixels (n,) that see directions (n, 3) from the receiver."""
+        if not isinstance(self.aperture, Camera) or self.pixels == 1:
+            return np.zeros(len(towards), np.int64)
+        angle = np.arccos(np.clip(towards @ self.axis, -1.0, 1.0))
+        return self.aperture.pixels_of(angle, self.aperture.azimuths_of(-towards))
+
+    def means(self, values: Floats, towards: Floats) -> Floats:
+        """Return the means of values (..., rays) over the rays of each shift, by pixel.
+
+        Shape (..., shifts, pixels); sums over the pixels that see the directions `towards`
+        (rays, 3) are the means of all rays.
+        """
+        by_shift = values.reshape(*values.shape[:-1], -1, self.per_shift)
+        if self.pixels == 1:
+            return np.asarray(by_shift.mean(axis=-1)[..., None])
+        shifts = by_shift.shape[-2]
+        cell = np.repeat(np.arange(shifts), self.per_shift) * self.pixels + self.pixels_of(towards)
+        rows = values.reshape(-1, values.shape[-1])
+        sums = np.array([np.bincount(cell, row, shifts * self.pixels) for row in rows])
+        return sums.reshape(*values.shape[:-1], shifts, self.pixels) / self.per_shift
+
     def share_of_disk(self, towards: Floats, radius: float) -> float:
         """Return the share of a disk of small angular radius [rad] that lies in a wider view.
 
@@ -127,7 +155,7 @@ def view_of(link: Link, points: int, seed: int) -> View:
     # seven uniforms a ray, see `View.uniforms`
     places, shifts = shifted_points(7, points // SHIFTS, (seed, 19))
     radius, sin2_psi = aperture.radius / frame.unit, math.sin(psi) ** 2
-    return View(center, axis, radius, sin2_psi, shifted(places, shifts), len(places))
+    return View(center, axis, radius, sin2_psi, shifted(places, shifts), len(places), aperture)
 
 
 def cone(axis: Floats, sin2: Floats, u_phi: Floats) -> Floats:
@@ -262,9 +290,9 @@ def first_hits(
 def bent_sun(scene: SeenSea, law: Bending, view: View, depths: Sequence[Depth] = ()) -> Floats:
     """Return the mean radiance of sunlight bent to the view, over the sun's irradiance [sr-1].
 
-    Shape (indices, shifts) for a reflection, (wavelengths, shifts) for a refraction, with the
-    optical depths from the surface to the receiver at each wavelength. Shadows of the sun by other
-    waves are left out, and so is light bent twice.
+    Shape (indices, shifts, pixels) for a reflection, (wavelengths, shifts, pixels) for a
+    refraction, with the optical depths from the surface to the receiver at each wavelength.
+    Shadows of the sun by other waves are left out, and so is light bent twice.
     """
     surface, per_shift = scene.surface, view.per_shift
     # the first few rays of each shift stand for its points
@@ -292,9 +320,11 @@ def bent_sun(scene: SeenSea, law: Bending, view: View, depths: Sequence[Depth] =
         _irradiance(scene, near, law._replace(sun=sun), view, point, depths)
         for sun, point in zip(suns, points, strict=True)
     ]
-    by_shift = np.transpose(irradiances).reshape(-1, SHIFTS, len(points) // SHIFTS).mean(axis=2)
+    # (indices, pixels, shifts)
+    by_shift = np.moveaxis(np.array(irradiances), 0, -1)
+    by_shift = by_shift.reshape(*by_shift.shape[:2], SHIFTS, -1).mean(axis=-1)
     # mean radiance = irradiance over the etendue per area of the aperture, pi sin^2(psi)
-    return by_shift / (math.pi * view.sin2_psi)
+    return np.swapaxes(by_shift, 1, 2) / (math.pi * view.sin2_psi)
 
 
 def _gaps(law: Bending, point: Floats, places: Floats, normals: Floats) -> Floats:
@@ -331,7 +361,7 @@ def _irradiance(
 ) -> Floats:  # fmt: skip
     """Return the irradiance by refracted sunlight at a point of the aperture, over the sun's.
 
-    Shape (indices,) for a reflection, (wavelengths,) for a refraction with `depths`.
+    Shape (indices, pixels) for a reflection, (wavelengths, pixels) for a refraction with `depths`.
     """
     corner, normals = _corners(scene.surface, facets)
     possible = _may_vanish(_gaps(law, point, corner, normals), 0.0)
@@ -351,7 +381,7 @@ def _irradiance(
         inside &= np.abs(gap(u)).max(axis=1) < 1e-9
         det = np.abs(np.linalg.det(_jacobian(gap, u)[inside]))
     if not inside.any():
-        return np.zeros(len(depths) or np.size(law.n))
+        return np.zeros((len(depths) or np.size(law.n), view.pixels))
     edges = corner[inside][:, 1:, :2] - corner[inside][:, :1, :2]
     # from barycentrics to (x, y): det d(gap)/d(x, y) = det d(gap)/du / det d(x, y)/du
     det = det / np.abs(np.linalg.det(edges))
@@ -365,7 +395,9 @@ def _irradiance(
     light_in = law.strength(ray, law.normal(ray)) * view.accepted(-ray) / (distance**2 * det)
     tau = np.array([depth(place) for depth in depths] or [np.zeros(len(place))])
     # the equation of the module, F cos(theta_y) / (R^2 det), dimmed along the slanted ray
-    return np.asarray((light_in * np.exp(-tau / np.abs(ray[:, 2])))[:, seen].sum(axis=1))
+    light = (light_in * np.exp(-tau / np.abs(ray[:, 2])))[:, seen]
+    pixel = view.pixels_of(-ray[seen])
+    return np.stack([light[:, pixel == k].sum(axis=1) for k in range(view.pixels)], axis=1)
 
 
 def _blend(u: Floats, corners: Floats) -> Floats:

@@ -47,7 +47,7 @@ from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import first_facet
 from meshtrace.kernels.tally import keep_arrival
 from meshtrace.kernels.tints import tint_way
-from meshtrace.kernels.vectors import ORIGIN, UP, Vec2, along, dot, minus, norm, scaled
+from meshtrace.kernels.vectors import ORIGIN, UP, Vec2, along, dot, minus, norm, scaled, write
 
 # By which a path is shortened at its ends, over 1 m + its length: Embree is float32, and neither
 # the facet that the path leaves nor one that touches the aperture shall cut it.
@@ -94,7 +94,7 @@ def _mirror_density(p, q, scene):
 
 
 @outlined
-def _score(q, i, weight, theta, p, way, cosine, world):
+def _score(q, i, weight, theta, p, way, world):
     """Score light of a photon that reaches target i straight from p, by `way` [m].
 
     `theta` is the angle of a scattering at p [rad], < 0 without one, or where the photon has turned
@@ -104,8 +104,9 @@ def _score(q, i, weight, theta, p, way, cosine, world):
     n = keep_arrival(world, q.id, i, weight * world.joins.target[i].share, world.tints, q.tint)
     if n >= 0:  # there is room for it
         a, r = world.arrivals[n], norm(way)
-        a.water, a.air, a.order, a.cosine = q.water + r, q.air, q.order, cosine
+        a.water, a.air, a.order = q.water + r, q.air, q.order
         a.part = q.turned_by
+        write(a.way, way)
         tint_way(world.tints, a.tint, p.z, p.z + way.z, r)
         if theta >= 0.0:
             # the fourth uniform, of which the connection itself uses three
@@ -138,7 +139,7 @@ def join_straight(q, i, world, same_side):
     joined = _point_density(r, facing, target, q.chance)
     weight = q.weight * phase * math.exp(-depth_between(world.medium, start, along(start, w, r), r))
     if weight > 0.0:
-        _score(q, i, weight / (joined + drawn), theta, start, way, facing, world)
+        _score(q, i, weight / (joined + drawn), theta, start, way, world)
 
 
 @outlined
@@ -181,4 +182,4 @@ def join_hits(q, world, same_side):
             weight = q.weight * q.density / (q.density + joined)
         weight *= math.exp(-depth_between(world.medium, start, along(start, d, r), r))
         if weight > 0.0:
-            _score(q, i, weight, -1.0, start, scaled(r, d), facing, world)
+            _score(q, i, weight, -1.0, start, scaled(r, d), world)

@@ -34,7 +34,7 @@ from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.sources import SourceKind, lambert_reflection, launch
 from meshtrace.kernels.tally import BODY, BOTTOM, SCATTERED
 from meshtrace.kernels.tints import reset_tint, tint_way
-from meshtrace.kernels.vectors import TWO_PI, Vec2, along, dot, row, scaled, turn
+from meshtrace.kernels.vectors import TWO_PI, Vec2, along, dot, row, scaled, turn, write
 
 _LOWEST = 0.3  # tuned: weight times importance, over that of the start, of roulette below it
 _LEAST_CHANCE = 0.1  # least chance of survival: no photon becomes more than tenfold heavier at once
@@ -261,6 +261,7 @@ def _start(q, photon, world):
     d, q.weight = guide_start(d, p, source, photon, Vec2(q.u, q.v), world)
     put(q, p)
     head(q, d)
+    write(q.first, d)
     q.water, q.id, q.event, q.order, q.reflections, q.returns = 0.0, photon, 0, 0, 0, 0
     q.air, q.turned_by = 0.0, SCATTERED
     if not world.sources.in_water[source]:

@@ -67,6 +67,7 @@ from meshtrace.kernels.vectors import (
     plus,
     row,
     scaled,
+    write,
 )
 
 _HAIR = 1e-4  # by which a path is shortened at its ends, over 1 m + its length: Embree is float32
@@ -261,7 +262,7 @@ def _score(q, i, weight, theta, p, goal, water, world):
         a.water, a.air, a.order = q.water + water, q.air + norm(way), q.order
         a.part = _part_of(q, world.same_side)
         # photons to a lamp run backwards: their light arrives where they start
-        a.cosine = math.nan if target.is_lamp else dot(way, target.axis) / a.air
+        write(a.way, scaled(-1.0, targets.vector_of(q.first)) if target.is_lamp else way)
         tint_way(world.tints, a.tint, q.z, p.z, water)
         if targets.is_mirrored(world.same_side):
             # the way behind the crossing lies in the water, too

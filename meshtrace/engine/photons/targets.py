@@ -60,6 +60,7 @@ JOINED_PHOTON = record_type(
         ("guide", np.int64),  # index into `Joins.guide` for that law
         ("chance", float),  # of the connection of its last event
         ("air", float),  # path in the air from the source to the water [m]
+        ("first", float, (3,)),  # direction in which it started
         ("event_at", float, (3,)),  # place of its last event, of links on one side [m]
         ("facet", np.int64),  # that has reflected it since, -1 without one
         ("turned_by", np.int64),  # its last event: SCATTERED, BOTTOM or BODY of `kernels.tally`
