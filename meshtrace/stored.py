@@ -78,7 +78,7 @@ _HOMES = {
     "inference": "meshtrace.apps.inference",
     "lidar": "meshtrace.apps.lidar",
     "optimum": "meshtrace.apps.optimisation",
-    "sensitivity": "meshtrace.studies.sensitivity",
+    "sensitivity": "meshtrace.studies.derivatives",
     "availability": "meshtrace.studies.planning",
     "measured": "meshtrace.apps.measured",
     "fading-convergence": "meshtrace.studies.convergence",

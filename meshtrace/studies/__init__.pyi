@@ -12,6 +12,7 @@ from .convergence import convergence_study as convergence_study
 from .convergence import fading_study as fading_study
 from .convergence import time_step_study as time_step_study
 from .coverage import coverage_map as coverage_map
+from .derivatives import Sensitivities as Sensitivities
 from .keys import Variant as Variant
 from .performance import DepthSweep as DepthSweep
 from .performance import LinkPerformance as LinkPerformance
@@ -19,12 +20,11 @@ from .performance import depth_sweep as depth_sweep
 from .performance import link_performance as link_performance
 from .planning import Availability as Availability
 from .planning import availability as availability
-from .sensitivity import Sensitivities as Sensitivities
 from .sensitivity import sensitivities as sensitivities
-from .sensitivity import swings as swings
 from .series import ensemble as ensemble
 from .series import time_series as time_series
 from .steering import Steering as Steering
 from .steering import steer as steer
 from .sweeps import sweep as sweep
 from .sweeps import sweep_file as sweep_file
+from .tornado import swings as swings
