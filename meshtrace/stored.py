@@ -78,9 +78,9 @@ _HOMES = {
     "inference": "meshtrace.apps.inference",
     "lidar": "meshtrace.apps.lidar",
     "optimum": "meshtrace.apps.optimisation",
-    "sensitivity": "meshtrace.studies.sensitivity",
     "pixels": "meshtrace.studies.pixels",
     "availability": "meshtrace.studies.availability_result",
+    "sensitivity": "meshtrace.studies.derivatives",
     "measured": "meshtrace.apps.measured",
     "fading-convergence": "meshtrace.studies.fading_convergence",
 }

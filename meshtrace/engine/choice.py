@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.chains.sets import TURBID, ChainDrawer, Request, poisson_law
 from meshtrace.engine.gains import Gains, Method
+from meshtrace.engine.photons.joined import DIFFUSE
 from meshtrace.engine.setup.arrays import mean_water
 from meshtrace.engine.setup.ends import ForcedLink, across, lamp_intensity
 from meshtrace.kernels.tally import SCATTERED
@@ -38,15 +39,21 @@ _PILOT_HITS, _PILOT_GROWTH, _PILOT_STEPS = 4, 4, 3
 _FLOOR = 0.2  # share of the chains allotted by the Poisson law alone; tuned: noise, orders missed
 _ORDER_COST = 0.3  # further time of a chain by each scattering, over that of a chain without any
 
-PILOT_PHOTONS = 8192
-"""Joined photons of a pilot."""
-
 PER_CHAIN, REFLECTED_PER_CHAIN = 8.0, 2.0
 """Joined photons in place of a chain: for scattered light, and for light reflected first alone."""
+FEWEST_REFLECTED = 1024
+"""Joined photons that follow light reflected first, if there are no fewer by the share of it."""
 ANALOG_PER_CHAIN = 32.0
 """Analog photons in place of a chain: they take about as long as the joined ones."""
 # Joined photons in place of a chain where chains would serve some wavelengths, see `choose_common`.
 _SHARED_PER_CHAIN = 1.0
+
+# Joined photons of a pilot; the fewer ones in water of many scatterings that turn light by small
+# angles, where a photon and its copies take ten times as long. Tuned: time, or uncertain choices.
+_PILOT_PHOTONS, _FEW_PILOT_PHOTONS = 8192, 2048
+# Relative variance of a joined photon's light that the surface reflects first: 40 at b z = 5 to 500
+# at b z = 20, Fournier-Forand. Share of its error in that of the chains; tuned: time.
+_REFLECTED_VARIANCE, _ERROR_SHARE = 500.0, 0.25
 
 # Thresholds of the choice, all tuned: time, or light that is missed.
 _EFFICIENT = 4.0  # squared relative deviation of one chain up to which no other estimator is tried
@@ -228,6 +235,25 @@ def chain_cost(expected: float) -> float:
     which makes photons the slower ones.
     """
     return _COST if expected < TURBID else _TURBID_COST / expected
+
+
+def pilot_photons(expected: float, turned: float) -> int:
+    """Return the number of joined photons of a pilot.
+
+    `expected` scatterings on the way count as `turned` isotropic ones, b (1 - g) times the way.
+    """
+    return _FEW_PILOT_PHOTONS if expected >= TURBID and turned <= DIFFUSE else _PILOT_PHOTONS
+
+
+def reflected_per_chain(returned: Floats, variance: Floats) -> float:
+    """Return the joined photons, per chain, that measure light reflected first well enough.
+
+    With V the relative variance of one photon and r the estimated gain of that light (receivers,),
+    r^2 V / n_photons is a share s^2 of `variance` / n_chains, that of the gain by chains.
+    """
+    with np.errstate(divide="ignore"):
+        each = _REFLECTED_VARIANCE * returned**2 / (_ERROR_SHARE**2 * variance)
+    return float(each.max())
 
 
 def choose(chains: ScatteredPilot, photons: ScatteredPilot, expected: float = 0.0) -> list[Method]:

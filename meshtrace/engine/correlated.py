@@ -238,13 +238,14 @@ class FrozenForced:
         base = ForcedDetection.following(planner, planner.plan(photons, planner.compare()))
         warn_of_chains(base, ForcedDetection(link, SHIFTS, seed, normals, sea=sea))
         self._base, self._seed = base, seed
+        self._histories = _histories(link, base.arrays)
         self._normals, self._search, self._recent = normals, search, recent
         self._nodes: dict[tuple[int, int], Nodes] = {}
         self._drawn: dict[str, Future[list[list[ChainSet]]]] = {}
         self._seas: dict[tuple[int, str], tuple[TriangleMesh, AimedChains]] = {}
         self._lock = Lock()
 
-    def gains(self, link: Link, mesh: TriangleMesh) -> Floats:
+    def gains(self, link: Link, mesh: TriangleMesh, shifts: int = SHIFTS) -> Floats:
         """Return the gain of a neighbouring link by shift of the Sobol points.
 
         Parameters
@@ -254,18 +255,20 @@ class FrozenForced:
             ends may differ in number and place.
         mesh : TriangleMesh
             The surface, wide enough for all neighbours.
+        shifts : int
+            Number of shifts, the first of all: fewer chains take less time.
 
         Returns
         -------
         ndarray, shape (receivers, shifts)
         """
-        return self.parts(link, mesh)[0]
+        return self.parts(link, mesh, shifts)[0]
 
-    def parts(self, link: Link, mesh: TriangleMesh) -> tuple[Floats, Floats]:
+    def parts(self, link: Link, mesh: TriangleMesh, shifts: int = SHIFTS) -> tuple[Floats, Floats]:
         """Return `gains` and their unscattered part, both of shape (receivers, shifts)."""
         arrays, aimed = self._aimed(link, mesh)
-        sets = self._sets(link, arrays, aimed)
-        scattered, direct = np.zeros((2, len(link.receivers), SHIFTS))
+        sets = self._sets(link, arrays, aimed, shifts)
+        scattered, direct = np.zeros((2, len(link.receivers), shifts))
         for e, t in arrays.pairs:
             r, share = arrays.receiver(e, t), arrays.share(e, t)
             if not aimed.sampled:
@@ -274,11 +277,11 @@ class FrozenForced:
                 # a view ends within the aperture
                 counts = aimed.meets_rim(e, t) or not any(sets)
                 error = aimed.relative_error(e, t) if counts else 0.0
-                direct[r] += share * with_error(gain, error)
+                direct[r] += share * with_error(gain, error)[:shifts]
             for chains in sets[e]:
                 score, _ = aimed.aim(e, t, chains)
                 part = direct if chains.order == 0 else scattered
-                part[r] += share * score.reshape(SHIFTS, -1).mean(axis=1)
+                part[r] += share * score.reshape(shifts, -1).mean(axis=1)
         return scattered + direct, direct
 
     def unscattered(
@@ -332,14 +335,14 @@ class FrozenForced:
         aimed.nodes = self._nodes
         return arrays, aimed
 
-    def _sets(self, link: Link, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
+    def _sets(
+        self, link: Link, arrays: ForcedLink, aimed: AimedChains, shifts: int = SHIFTS
+    ) -> list[list[ChainSet]]:
         """Return the chains of a link by source, from a cache for recent geometries."""
         lamps = [(e.position, e.axis, e.radius) for e in arrays.emitters]
         ends = [(t.center, t.axis, t.radius) for t in arrays.targets]
-        parts = link.water.phase, link.bubbles, link.physics
-        # all that chains depend on: coefficients of the water are not part of it
-        models = [part and part.model_dump_json() for part in parts]
-        key = repr((lamps, ends, models, link.water.n, link.n_air, aimed.sampled))
+        histories = _histories(link, arrays)
+        key = repr((lamps, ends, histories, aimed.sampled, shifts))
         # chains that another thread is drawing are waited for, not drawn twice
         with self._lock:
             known = self._drawn.get(key)
@@ -351,17 +354,38 @@ class FrozenForced:
         if known is not None:
             return known.result()  # no bound: work of another thread, which always sets it
         try:
-            drawn.set_result(self._draw(arrays, aimed))
+            drawn.set_result(self._draw(arrays, aimed, shifts, histories == self._histories))
         except BaseException as error:  # passed on to the threads that wait, too
             drawn.set_exception(error)
         return drawn.result()
 
-    def _draw(self, arrays: ForcedLink, aimed: AimedChains) -> list[list[ChainSet]]:
-        """Draw as many chains of a link as the base has, from the distributions of the base."""
+    def _draw(
+        self, arrays: ForcedLink, aimed: AimedChains, shifts: int, same: bool
+    ) -> list[list[ChainSet]]:
+        """Draw as many chains of a shift as the base has, from the distributions of the base.
+
+        With the `same` histories as the base its chains are taken, if they are stored.
+        """
         drawer, by_source = self._base.drawer.of_link(arrays), list[list[ChainSet]]()
         for s, drawings in enumerate(self._base.sets(aimed.sampled)):
             # keys by source also for a downlink, whose receivers share one key in `Planner`
-            requests = (request for request, _ in drawings)
-            keyed = (r._replace(key=(self._seed, s, r.order, 1)) for r in requests)
-            by_source.append([drawer.draw(request) for request in keyed])
+            chains = []
+            for old, known in drawings:
+                request = old._replace(key=(self._seed, s, old.order, 1))
+                if same and known is not None and request == old:
+                    chains.append(drawer.retargeted(s, known.part(slice(old.per_shift * shifts))))
+                else:
+                    chains.append(drawer.draw(request._replace(shifts=shifts)))
+            by_source.append(chains)
         return by_source
+
+
+def _histories(link: Link, arrays: ForcedLink) -> str:
+    """Return all that the histories of chains depend on, but for the distributions of the base.
+
+    Coefficients of the water are not part of it: they are in the weights.
+    """
+    parts = link.water.phase, link.bubbles, link.physics
+    models = [part and part.model_dump_json() for part in parts]
+    depths = [e.position.z for e in arrays.emitters]
+    return repr((depths, models, link.water.n, link.n_air))

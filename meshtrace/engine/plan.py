@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
@@ -339,7 +340,10 @@ class Planner:
         """Return the joined photons of a pilot, None if none are needed or possible."""
         if not doubtful.any() or not self._photons_follow():
             return None
-        photons = self._joined(choice.PILOT_PHOTONS, self._piloted[doubtful].tolist())
+        expected = max(law.expected for law in self.drawer.nominals)
+        turned = expected * (1.0 - self.link.water.phase.mean_cosine)
+        number = choice.pilot_photons(expected, turned)
+        photons = self._joined(number, self._piloted[doubtful].tolist())
         # a choice by the photons of the run itself would bias it
         photons.seed ^= _PILOT_SEED
         if chained and self.link.water.bottom_depth is not None:
@@ -416,7 +420,7 @@ class Planner:
             # light off the bottom has no closed-form estimate: all get the full number of photons
             number = round(choice.PER_CHAIN * photons)
             return self._joined(number, every, crossings), every, reflects
-        served = every if reflects else joined
+        served, fewest = every if reflects else joined, math.inf
         per_chain = per_chain if joined else choice.REFLECTED_PER_CHAIN
         if reflects and len(joined) < len(every) and gain is not None:
             # light that the surface reflects first may be too little to be worth photons
@@ -428,10 +432,15 @@ class Planner:
             if bright and not joined:
                 share = float((returned[counted] / gain[counted]).max())
                 per_chain *= min(share / choice.MUCH, 1.0)
+                if comparison.pilot is not None:
+                    variance = comparison.pilot.variance[counted]
+                    fewest = choice.reflected_per_chain(returned[counted], variance)
         if not served:
             return None, [], reflects
+        # a part of a gain that has small errors beside those of the chains needs no more photons
+        enough = max(min(fewest, per_chain) * photons, choice.FEWEST_REFLECTED)
         try:
-            number = max(round(per_chain * photons), SHIFTS)
+            number = max(round(min(per_chain * photons, enough)), SHIFTS)
             return self._joined(number, served, crossings), served, reflects
         except Refused:  # published forms of physics, which chains alone follow
             if joined:

@@ -14,6 +14,7 @@ from .convergence import time_step_study as time_step_study
 from .coverage import coverage_map as coverage_map
 from .depths import DepthSweep as DepthSweep
 from .depths import depth_sweep as depth_sweep
+from .derivatives import Sensitivities as Sensitivities
 from .fading_convergence import FadingConvergence as FadingConvergence
 from .fading_convergence import fading_study as fading_study
 from .keys import Variant as Variant
@@ -21,12 +22,11 @@ from .performance import LinkPerformance as LinkPerformance
 from .performance import link_performance as link_performance
 from .pixels import PixelSignals as PixelSignals
 from .pixels import pixel_signals as pixel_signals
-from .sensitivity import Sensitivities as Sensitivities
 from .sensitivity import sensitivities as sensitivities
-from .sensitivity import swings as swings
 from .series import ensemble as ensemble
 from .series import time_series as time_series
 from .steering import Steering as Steering
 from .steering import steer as steer
 from .sweeps import sweep as sweep
 from .sweeps import sweep_file as sweep_file
+from .tornado import swings as swings

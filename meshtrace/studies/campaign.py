@@ -456,7 +456,7 @@ def finished(
                 continue
             item = result if isinstance(result, tuple) else (result,)  # numbers and, perhaps, text
             yield waiting[i], stored.keep(waiting[i], *item)
-            if i % _TRIM_EVERY == 0:
+            if (i + 1) % _TRIM_EVERY == 0:
                 trim_memory()
 
 

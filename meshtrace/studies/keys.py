@@ -214,6 +214,14 @@ class Parameter(NamedTuple):
             value = -value
         return variant.set(self.name, value)
 
+    def allows(self, variant: Variant, steps: float) -> bool:
+        """Return whether the value at a signed number of steps is in range."""
+        try:
+            self.at(variant, self.shifted(steps))
+        except Refused:
+            return False
+        return True
+
 
 def _sea_at(sea: Any, key: str, value: float) -> Any:
     """Return a sea with another value of a key; refuse one with other waves."""

@@ -230,25 +230,25 @@ def without_each(gains: Floats) -> Iterator[Floats]:
     All gains, then those without each shift, then those without each of several seas.
     """
     yield gains
-    for i in range(SHIFTS):
+    for i in range(gains.shape[-1]):
         yield np.delete(gains, i, axis=-1)
     if len(gains) > 1:
         for i in range(len(gains)):
             yield np.delete(gains, i, axis=0)
 
 
-def error_of(values: Floats) -> float:
+def error_of(values: Floats, shifts: int = SHIFTS) -> float:
     """Return the jackknife error of values[0], from values of `without_each` (1 + groups,)."""
-    return math.sqrt(covariance_of(values[None])[0, 0])
+    return math.sqrt(covariance_of(values[None], shifts)[0, 0])
 
 
-def covariance_of(values: Floats) -> Floats:
+def covariance_of(values: Floats, shifts: int = SHIFTS) -> Floats:
     """Return the jackknife covariance (n, n) of values[:, 0], from values (n, 1 + groups).
 
     var = (m - 1) / m sum_i (v_i - mean v)^2 over the m shifts, and the same over the seas
     """
     total = np.zeros((len(values), len(values)))
-    for groups in (values[:, 1 : 1 + SHIFTS], values[:, 1 + SHIFTS :]):
+    for groups in (values[:, 1 : 1 + shifts], values[:, 1 + shifts :]):
         m = groups.shape[1]
         if m > 1:
             off = groups - groups.mean(axis=1, keepdims=True)

@@ -7,10 +7,10 @@ or d ln q / dp of an offset or an angle, whose base may be 0.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property, partial
-from typing import Annotated, Any, NamedTuple, Unpack, overload
+from typing import Annotated, Any, NamedTuple, Unpack
 
 import numpy as np
 from pydantic import Field
@@ -20,24 +20,17 @@ from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.parts import Light
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_between,
-    require_keys,
-    require_pair,
-    require_real,
-)
+from meshtrace.errors import Refused
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface, TriangleMesh
 from meshtrace.models import Floats
 from meshtrace.scenario import Scenario
-from meshtrace.stored import SHIFTS, Columns, Stored, Variable
+from meshtrace.stored import SHIFTS
 from meshtrace.studies.background import Lights, electronics_of, light_of
 from meshtrace.studies.campaign import Campaign, campaign_of
+from meshtrace.studies.derivatives import Row, Sensitivities, Table
 from meshtrace.studies.keys import Parameter, Variant, parameters
 from meshtrace.studies.neighbours import (
-    DECIBELS,
     FADES,
     WATER,
     WINDOW,
@@ -55,229 +48,18 @@ from meshtrace.studies.neighbours import (
     resolving_window,
 )
 from meshtrace.studies.response import MOST_SEAS, Responses
-from meshtrace.tables import text_table
 from meshtrace.uav import Flight, TiltFactors, Uav
-
-_MOST_FORECAST = 0.3  # tuned: |change of ln p, or of ln q| up to which the first order may be used
-
-
-class Value(NamedTuple):
-    """A number with its standard error."""
-
-    value: float
-    stderr: float
-
-
-@dataclass(frozen=True)
-class Row:
-    """Sensitivity to one parameter.
-
-    Attributes
-    ----------
-    name : str
-        Parameter, a key of a link file.
-    base : float
-        Its value.
-    unit : str
-        Its unit.
-    elasticity : float
-        d ln q / d ln p of the quantity q; of a margin that of the power ratio. For the indices of
-        the phase function p is n - 1 and mu - 3. nan for an offset or an angle whose base is 0.
-    stderr : float
-        Standard error of the elasticity, or of `relative` where that is nan.
-    relative : float
-        (dq / dp) / q [1 / unit]; of a margin that of the power ratio.
-    derivative, derivative_stderr : float
-        dq / dp and its standard error.
-    second : float
-        (d^2 q / dp^2) / q of offsets and angles [1 / unit^2], else nan.
-    method : {"moment", "difference", "angle"}
-        Estimator.
-    suspicious : bool
-        Whether a difference over thrice the step disagrees.
-    notes : str
-        Remarks.
-    """
-
-    name: str
-    base: float
-    unit: str
-    elasticity: float
-    stderr: float
-    relative: float
-    derivative: float
-    derivative_stderr: float
-    second: float
-    method: str
-    suspicious: bool
-    notes: str
-
-    def __getitem__(self, key: str) -> Any:
-        return getattr(self, key)
-
-    @property
-    def log(self) -> float:
-        """Logarithmic derivative: the elasticity, or `relative` where that is nan."""
-        return self.relative if math.isnan(self.elasticity) else self.elasticity
-
-
-class Table(tuple[Row, ...]):
-    """Rows, by number or by the name of the parameter."""
-
-    @overload  # type: ignore[override]
-    def __getitem__(self, key: int | str) -> Row: ...
-    @overload
-    def __getitem__(self, key: slice) -> tuple[Row, ...]: ...
-    def __getitem__(self, key: Any) -> Any:
-        """Return a row by its number or by the name of its parameter."""
-        if not isinstance(key, str):
-            return super().__getitem__(key)
-        names = [row.name for row in self]
-        if key not in names:
-            raise Refused("wrt", key, ", ".join(names))
-        return super().__getitem__(names.index(key))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Sensitivities(Stored, kind="sensitivity", title="meshtrace sensitivities"):
-    """Sensitivities of a quantity of a link.
-
-    Attributes
-    ----------
-    of : str
-        Quantity: "gain", "ber", "outage", "range", "margin" or "capacity".
-    value, stderr : float
-        The quantity and its standard error, from the spread over chains and seas.
-    unit : str
-        Its unit.
-    table : Table
-        One `Row` a parameter, by number or name.
-    logs : ndarray, shape (n, n)
-        Covariance of the logarithmic derivatives: of `elasticity`, or `relative` where that
-        is nan.
-    provenance : dict
-        Versions and configuration.
-    light : str
-        Light of error rates, outages, ranges and margins; empty for the gain.
-    """
-
-    of: str
-    value: Annotated[float, Variable(name="quantity")]
-    stderr: Annotated[float, Variable(name="quantity_stderr")]
-    unit: str
-    table: Annotated[Table, Columns(Row, "sensitivity", "parameter")]
-    logs: Annotated[Floats, Variable("parameter", "parameter_too", name="sensitivity_covariance")]
-    provenance: dict[str, Any] = field(default_factory=dict)
-    light: str = ""
-
-    def _headline(self) -> str:
-        largest = max(self.table, key=lambda row: abs(np.nan_to_num(row.elasticity)))
-        shown = f"{self.value:.4g} {self.unit}".removesuffix(" 1")
-        return f"{self.of} {shown}, most sensitive to {largest.name} ({largest.elasticity:.3g})"
-
-    def summary(self) -> str:
-        """Return the table as text for a terminal."""
-        shown = f"{self.value:.5g} +- {self.stderr:.1g} {self.unit}".removesuffix(" 1")
-        head = ("parameter", "base", "unit", "elasticity", "std. error", "derivative", "method")
-        table = [
-            (
-                row.name,
-                f"{row.base:g}",
-                row.unit,
-                "-" if math.isnan(row.elasticity) else f"{row.elasticity:.5f}",
-                f"{row.stderr:.1e}",
-                f"{row.derivative:.4g}",
-                row.method + (" (suspicious)" if row.suspicious else ""),
-            )
-            for row in self.table
-        ]
-        notes = [f"{row.name}: {row.notes}" for row in self.table if row.notes]
-        lines = [f"background light: {self.light}"] if self.light else []
-        return "\n".join([f"{self.of} {shown}", "", text_table(table, head), *notes, *lines])
-
-    def derivative(self, name: str) -> Value:
-        """Return d quantity / d parameter with its standard error, in their units."""
-        row = self.table[name]
-        return Value(row.derivative, row.derivative_stderr)
-
-    def covariance(self) -> Floats:
-        """Return the covariance of the derivatives in the order of the table, shape (n, n).
-
-        They are correlated, as all come from the same chains and seas.
-        """
-        # a derivative is its logarithmic derivative times a factor that has no error
-        factor = [row.derivative / row.log if row.log != 0.0 else 0.0 for row in self.table]
-        return self.logs * np.outer(factor, factor)
-
-    def predict(self, changes: Mapping[str, float]) -> Value:
-        """Return a first-order forecast of the quantity for other values of parameters.
-
-        ln q' = ln q + sum E ln(p' / p), and q' = q + sum (dq / dp) (p' - p) for margin and range
-
-        Parameters
-        ----------
-        changes : mapping of str to float
-            New values by parameter, such as {"water.a": 0.12}. An offset or an angle whose base
-            is 0 acts by its second derivative, too.
-
-        Returns
-        -------
-        Value
-            With the standard error of the change joined to that of the quantity.
-
-        Raises
-        ------
-        Refused
-            If a parameter is not in the table or changes by more than |ln(p' / p)| = 0.3.
-        """
-        require_keys(changes, [row.name for row in self.table])
-        # steps in ln p, or in p of offsets and angles; 0 for parameters that do not change
-        steps, second_order = np.zeros(len(self.table)), 0.0
-        for i, row in enumerate(self.table):
-            if row.name in changes:
-                steps[i], bend = _step(row, changes[row.name])
-                second_order += bend
-        # change of ln q and its standard error sigma
-        change = float(steps @ np.array([row.log for row in self.table])) + second_order
-        sigma = math.sqrt(steps @ self.logs @ steps)
-        if self.of == "margin":  # in dB it is a logarithm already
-            error = math.hypot(self.stderr, DECIBELS * sigma)
-            return Value(self.value + DECIBELS * change, error)
-        if self.of == "range":
-            return Value(self.value * (1.0 + change), math.hypot(self.stderr, self.value * sigma))
-        value = self.value * math.exp(change)
-        return Value(value, value * math.hypot(self.stderr / self.value, sigma))
-
-
-def _step(row: Row, value: float) -> tuple[float, float]:
-    """Return the step in p or ln p, and the second-order part of the change of ln q.
-
-    The step multiplies `Row.log`. Too large a change is refused.
-    """
-    value = require_real(value, row.name, "a finite number")
-    if math.isnan(row.elasticity):
-        step = value - row.base
-        bend = 0.5 * np.nan_to_num(row.second) * step**2
-        # "not <=" refuses nan, too
-        if not abs(row.relative * step + bend) <= _MOST_FORECAST:
-            raise Refused(row.name, value, f"a change of the logarithm up to {_MOST_FORECAST:g}")
-        return step, float(bend)
-    # p of an elasticity may be measured from an origin (`Parameter.origin`): n - 1 of the particles
-    scale = row.elasticity / row.relative if row.relative != 0.0 else row.base
-    ratio = 1.0 + (value - row.base) / scale
-    if not ratio > 0.0 or abs(math.log(ratio)) > _MOST_FORECAST:
-        low, high = (row.base + scale * math.expm1(s * _MOST_FORECAST) for s in (-1.0, 1.0))
-        raise Refused(row.name, value, f"{low:.4g} <= {row.name} <= {high:.4g}")
-    return math.log(ratio), 0.0
-
 
 DEFAULT_CHAINS = 8192
 """Chains of a study of sensitivities."""
 
 _GAIN_STEP = 1e-3  # step in ln p over which a known dh / d ln p moves the gain: q is linear over it
 _SUSPICIOUS = 3.0  # standard errors by which derivatives over two steps may differ
+# Shifts compared first, and the standard errors up to which they show nothing; tuned. Their error
+# is twice that of all, so that what all would show as _SUSPICIOUS is here beyond 1.5 of them.
+_COMPARED, _CLEAR = 8, 1.0
 _CURVATURE = 2e-3  # tuned: relative difference of the two that the curvature of q explains
-_MODELS: dict[str, Any] = {"ook": OokLink, "daylight": Daylight, "uav": Uav}  # beside link and sea
+MODELS: dict[str, Any] = {"ook": OokLink, "daylight": Daylight, "uav": Uav}  # beside link and sea
 _HALF = 2  # places in `WINDOWS` from one to that of half its width: they shrink by sqrt(2)
 _MESHES = 4  # of the base sea in memory; tuned: memory against making them again
 
@@ -355,7 +137,8 @@ def sensitivities(
         E_p = [ln q(p e^s) - ln q(p e^-s)] / (2 s).
 
     Standard errors are jackknives over the 32 shifts of the chains and over the seas. Differences
-    are repeated over thrice the step; `suspicious` marks those that disagree by more than three
+    are repeated over thrice the step, with a quarter of the chains and, if these differ by more
+    than a standard error, with all; `suspicious` marks those that disagree by more than three
     standard errors (a discontinuity that rare chains carry). Chains of a deeper source are
     stretched with the depth. Over seas without random slopes the crossings of neighbours are
     searched on facets near those of the base, with the digits of the search of every facet. Light
@@ -542,25 +325,26 @@ class Study:
         """Return the jackknife values of ln q of a variant, with its gains."""
         return self.logs(self.gains("gains", variant), variant)
 
-    def gains(self, name: str, *variants: Variant) -> Floats:
+    def gains(self, name: str, *variants: Variant, shifts: int = SHIFTS) -> Floats:
         """Return the gains of variants over all seas, shape (variants * seas, shifts).
 
-        `name` is that of the loop in a store; "base" computes those of `base`.
+        `name` is that of the loop in a store; "base" computes those of `base`. `shifts` is the
+        number of shifts, the first of all.
         """
         base_sea, near = self.variant.sea, self.near
         same = (v.sea is base_sea and v.link == self.variant.link for v in variants)
         # keys of electronics or daylight leave the gains as they are
         if all(same) and name != "base":
-            return np.concatenate([self.base] * len(variants))
+            return np.concatenate([self.base[:, :shifts]] * len(variants))
         inputs = [
             (variant.link, None if variant.sea is base_sea else variant.sea) for variant in variants
         ]
 
         def first_receiver_gains(i: int) -> Floats:
             link, surface = inputs[i // near.seas]
-            return near.frozen.gains(link, near.mesh(i % near.seas, surface))[0]
+            return near.frozen.gains(link, near.mesh(i % near.seas, surface), shifts)[0]
 
-        return self._evaluate(first_receiver_gains, len(inputs), name, (SHIFTS,))
+        return self._evaluate(first_receiver_gains, len(inputs), name, (shifts,))
 
     def _evaluate(
         self, evaluate: Callable[[int], Floats], variants: int, name: str, shape: tuple[int, ...]
@@ -659,52 +443,65 @@ class Study:
         That is thrice the step, and at least thrice the usual one: a small step sees none of the
         discontinuities that rare chains carry.
         """
-        factors = [1.0, 3.0 * max(1.0, p.usual / p.step)]
-        sides: list[Variant] = []
-        for factor in factors:
-            try:
-                sides += [p.at(self.variant, p.shifted(side * factor)) for side in (-1.0, 1.0)]
-            except Refused:  # the longer step leaves the range
-                break
-        # sides are a step down and up and, if in range, a longer step down and up; one loop for
-        # all of them: a store then has one entry a parameter
-        gains = self.gains(f"{p.name} {p.step!r}", *sides)
-        pairs = list(zip(gains.reshape(-1, self.near.seas, SHIFTS), sides, strict=True))
-        steps = [factor * p.step for factor in factors[: len(pairs) // 2]]
-        rates, biases = zip(
-            *(self._log_derivative(pairs[2 * k : 2 * k + 2], step) for k, step in enumerate(steps)),
-            strict=True,
-        )
-        suspicious, notes = self._compared(rates, math.hypot(*biases))
+        pairs = self._pairs(p, 1.0)
+        rates, bias = self._log_derivative(pairs, p.step)
+        factor, step, shifts = 3.0 * max(1.0, p.usual / p.step), p.step, SHIFTS
+        suspicious, notes = False, "one step: the longer one leaves the range"
+        if all(p.allows(self.variant, side * factor) for side in (-1.0, 1.0)):
+            step *= factor
+            # where a part of the chains shows nothing over the longer step, the others need not be
+            # followed there
+            for shifts, most in ((_COMPARED, _CLEAR), (SHIFTS, _SUSPICIOUS)):
+                few = [(gains[:, :shifts], variant) for gains, variant in pairs]
+                pairs_there = self._pairs(p, factor, shifts)
+                suspicious, notes = self._compared((few, p.step), (pairs_there, step), most)
+                if not suspicious:
+                    break
+            pairs = pairs_there
         if p.origin:
             notes = f"relative to {p.name} - {p.origin:g}" + (f"; {notes}" if notes else "")
-        second = math.nan
-        if p.absolute:
-            # (d^2 q / dp^2) / q over the longest step; a margin and the reserve of a range are
-            # logarithms themselves
-            places = pairs[-2], (self.base, self.variant), pairs[-1]
-            low, mid, high = (self.log(*pair) for pair in places)
-            if self.quantity.of in ("margin", "range"):
-                second = (high - 2.0 * mid + low) / steps[-1] ** 2
-            else:
-                second = (math.exp(high - mid) - 2.0 + math.exp(low - mid)) / steps[-1] ** 2
-        return _Derivative(p, rates[0], biases[0], second, "difference", suspicious, notes)
+        second = self._second(pairs, step) if p.absolute else math.nan
+        return _Derivative(p, rates, bias, second, "difference", suspicious, notes)
 
-    def _compared(self, rates: Sequence[Floats], by_rays: float) -> tuple[bool, str]:
-        """Return whether the derivatives over two steps disagree, and a note about them.
+    def _pairs(
+        self, p: Parameter, factor: float, shifts: int = SHIFTS
+    ) -> list[tuple[Floats, Variant]]:
+        """Return gains (seas, shifts) and variant some steps below and above the base."""
+        sides = [p.at(self.variant, p.shifted(side * factor)) for side in (-1.0, 1.0)]
+        # one loop for both: a store has one entry for each step and number of chains
+        gains = self.gains(f"{p.name} {factor * p.step!r} {shifts}", *sides, shifts=shifts)
+        return list(zip(gains.reshape(-1, self.near.seas, shifts), sides, strict=True))
 
-        `by_rays` is the joint `bias` of both.
+    def _second(self, pairs: list[tuple[Floats, Variant]], step: float) -> float:
+        """Return (d^2 q / dp^2) / q by the second difference over a step."""
+        shifts = pairs[0][0].shape[-1]
+        places = pairs[0], (self.base[:, :shifts], self.variant), pairs[1]
+        low, mid, high = (self.log(*pair) for pair in places)
+        # a margin and the reserve of a range are logarithms themselves
+        if self.quantity.of in ("margin", "range"):
+            return (high - 2.0 * mid + low) / step**2
+        return (math.exp(high - mid) - 2.0 + math.exp(low - mid)) / step**2
+
+    def _compared(
+        self,
+        short: tuple[list[tuple[Floats, Variant]], float],
+        longer: tuple[list[tuple[Floats, Variant]], float],
+        most: float,
+    ) -> tuple[bool, str]:
+        """Return whether derivatives over two steps differ by `most` errors, and a note about it.
+
+        `short` and `longer` are the arguments of `_log_derivative`, with the same shifts.
         """
-        if len(rates) < 2:
-            return False, "one step: the longer one leaves the range"
-        off = rates[1] - rates[0]
-        error = math.hypot(error_of(off), by_rays)
+        (near, near_bias), (far, bias) = (self._log_derivative(*at) for at in (short, longer))
+        shifts = longer[0][0][0].shape[-1]
+        off = far - near
+        error = math.hypot(error_of(off, shifts), near_bias, bias)
         # the error of a central difference grows as the square of its step, 9 times over thrice of
         # it: up to this much the curvature of q explains
-        curvature = _CURVATURE * max(abs(float(rates[1][0])), 1.0)
-        if abs(off[0]) <= math.hypot(_SUSPICIOUS * error, curvature):
+        curvature = _CURVATURE * max(abs(float(far[0])), 1.0)
+        if abs(off[0]) <= math.hypot(most * error, curvature):
             return False, ""
-        return True, f"{rates[1][0]:.5g} +- {error_of(rates[1]):.1g} over the longer step"
+        return True, f"{far[0]:.5g} +- {error_of(far, shifts):.1g} over the longer step"
 
 
 def _result(study: Study, derivatives: list[_Derivative], names: list[str]) -> Sensitivities:
@@ -735,7 +532,7 @@ def _result(study: Study, derivatives: list[_Derivative], names: list[str]) -> S
     table = Table(_row(d, error, slope) for d, error in zip(derivatives, errors, strict=True))
     provenance = campaign.provenance(variant.link)
     provenance |= {"of": quantity.of, "limit": quantity.limit, "realizations": study.near.seas}
-    for name, part in zip(_MODELS, variant[2:], strict=True):
+    for name, part in zip(MODELS, variant[2:], strict=True):
         provenance[name] = part and part.model_dump(mode="json")  # None of a part that is missing
     covariance *= np.outer(factors, factors)
     return Sensitivities(quantity.of, value, stderr, quantity.unit, table, covariance, provenance)
@@ -775,105 +572,3 @@ def _row(derivative: _Derivative, error: float, slope: float) -> Row:
         second=derivative.second, method=derivative.method,
         suspicious=derivative.suspicious, notes=derivative.notes,
     )  # fmt: skip
-
-
-class Swing(NamedTuple):
-    """Change of a quantity at a lower and a higher value of a parameter.
-
-    Attributes
-    ----------
-    name, unit : str
-        Parameter and its unit.
-    values : (float, float)
-        The two values.
-    change, stderr : (float, float)
-        Change of the quantity [dB, or m for "range"] and its standard error.
-    """
-
-    name: str
-    unit: str
-    values: tuple[float, float]
-    change: tuple[float, float]
-    stderr: tuple[float, float]
-
-
-@check_call
-def swings(
-    s: Sensitivities, change: float | Mapping[str, tuple[float, float]] = 0.1
-) -> list[Swing]:
-    """Return the changes of a study's quantity over intervals of its parameters.
-
-    Parameters
-    ----------
-    s : Sensitivities
-        Its link, sea, chains and quantity are used again.
-    change : float or mapping of str to (low, high)
-        Relative change of all parameters to either side, or both values of some. Offsets change by
-        `change` times depth plus height, angles by `change` times 10 deg.
-
-    Returns
-    -------
-    list of Swing
-        The largest first.
-
-    Notes
-    -----
-    Each end is a run, not a forecast from derivatives. For "range" the change of the light over
-    its derivative by the depth gives a new depth, and a second run there corrects it.
-
-    Raises
-    ------
-    Refused
-        If a parameter is not in the table, or the study was one over a mesh.
-    """
-    if not isinstance(s, Sensitivities):
-        raise Refused("s", Described(type(s).__name__), "Sensitivities")
-    names = [row.name for row in s.table]
-    if isinstance(change, Mapping):
-        require_keys(change, names)
-        ends = {
-            name: require_pair(pair, f"change.{name}", "(low, high)")
-            for name, pair in change.items()
-        }
-    else:
-        change = require_between(change, 0.0, 1.0, "change")
-    study = _study_of(s)
-    variant, normals = study.variant, study.campaign.meshing.normals
-    known = {p.name: p for p in parameters(variant, names, None, normals)}
-    if not isinstance(change, Mapping):
-        ends = {name: p.about(change) for name, p in known.items()}
-    base, slope = study.logs_of(variant), 0.0
-    if s.of == "range":  # slope is d ln q / d depth [m-1], negative
-        (depth,) = parameters(variant, [depth_key(variant.link)], None, normals)
-        low, high = (study.logs_of(depth.at(variant, depth.shifted(k)))[0] for k in (-1.0, 1.0))
-        slope = (high - low) / (2.0 * depth.step * depth.base)
-
-    def change_at(there: Variant) -> tuple[float, float]:
-        """Return the change [dB, or m] of the quantity and its standard error."""
-        off = study.logs_of(there) - base
-        if s.of != "range":
-            return DECIBELS * float(off[0]), DECIBELS * error_of(off)
-        moved = -off / slope
-        link = there.link.at_depth(there.link.depth + float(moved[0]))
-        # a second step of Newton: the difference of ln q that is left at the new depth, over slope
-        moved = moved[0] - (study.logs_of(there._replace(link=link)) - base) / slope
-        return float(moved[0]), error_of(moved)
-
-    bars = []
-    for name, pair in ends.items():
-        p = known[name]
-        (low, low_error), (high, high_error) = (change_at(p.at(variant, end)) for end in pair)
-        bars.append(Swing(name, p.unit, pair, (low, high), (low_error, high_error)))
-    return sorted(bars, key=lambda bar: -max(map(abs, bar.change)))
-
-
-def _study_of(s: Sensitivities) -> Study:
-    """Return the study of a result, rebuilt from its provenance."""
-    config: dict[str, Any] = s.provenance
-    scenario = Scenario.from_provenance(config)
-    parts = (config[name] and kind.model_validate(config[name]) for name, kind in _MODELS.items())
-    inputs: Any = scenario.surface, scenario.run, scenario.meshing
-    campaign = Campaign({"link": scenario.link}, *inputs)
-    quantity = Quantity(s.of, config["limit"])  # type: ignore[arg-type]
-    variant = Variant(scenario.link, scenario.surface, *parts)
-    return Study(variant, campaign, config["realizations"], quantity)

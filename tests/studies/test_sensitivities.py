@@ -16,7 +16,7 @@ from meshtrace.engine import correlated
 from meshtrace.engine.chains import sets
 from meshtrace.kernels.random import realization_seed
 from meshtrace.stored import SHIFTS
-from meshtrace.studies import Variant, neighbours
+from meshtrace.studies import Variant, neighbours, sensitivity
 from meshtrace.studies.keys import parameters
 from meshtrace.studies.neighbours import error_of, without_each
 from meshtrace.surfaces import Band, FlatSea, JonswapSea
@@ -137,6 +137,30 @@ def test_a_discontinuity_missed_by_a_small_step_is_suspicious(monkeypatch):
     assert "over the longer step" in found.table[0].notes
     monkeypatch.undo()
     assert not elasticities(mt.Link(), keys=("d",), seed=SEED).table[0].suspicious
+
+
+def shifts_followed(monkeypatch, **limits):
+    """Return a row by differences, and the numbers of shifts of all gains of its study."""
+    numbers, gains = [], correlated.FrozenForced.gains
+    for name, limit in limits.items():
+        monkeypatch.setattr(sensitivity, name, limit)
+
+    def counted(self, link, mesh, shifts=SHIFTS):
+        numbers.append(shifts)
+        return gains(self, link, mesh, shifts)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(correlated.FrozenForced, "gains", counted)
+        row = elasticities(mt.Link(), keys=("h",), photons=256).table[0]
+    return row, numbers
+
+
+def test_a_longer_step_that_shows_nothing_takes_a_part_of_the_chains(monkeypatch):
+    row, numbers = shifts_followed(monkeypatch)
+    assert (row.suspicious, numbers) == (False, [32, 32, 8, 8, 32])  # steps, longer ones, base
+    checked, numbers = shifts_followed(monkeypatch, _CLEAR=-1.0, _CURVATURE=0.0)
+    assert numbers == [32, 32, 8, 8, 32, 32, 32]
+    assert (checked.elasticity, checked.stderr) == (row.elasticity, row.stderr)
 
 
 @pytest.mark.statistical

@@ -97,11 +97,12 @@ class Request(NamedTuple):
     order: int
     per_shift: int
     key: tuple[int, ...]  # of the random scrambling and shifts
+    shifts: int = SHIFTS  # the first ones of all
 
     @property
     def number(self) -> int:
         """Number of chains."""
-        return SHIFTS * self.per_shift
+        return self.shifts * self.per_shift
 
     def spans(self) -> list[slice]:
         """Return the rows of blocks for threads: whole shifts, or a part of one."""
@@ -109,7 +110,8 @@ class Request(NamedTuple):
         # A block never has parts of two shifts: its points are a slice of the net.
         if most < n:
             ends = [slice(i, min(i + most, n)) for i in range(0, n, most)]
-            return [slice(s * n + e.start, s * n + e.stop) for s in range(SHIFTS) for e in ends]
+            shifts = range(self.shifts)
+            return [slice(s * n + e.start, s * n + e.stop) for s in shifts for e in ends]
         step = n * max(_BLOCK // n, 1)
         return [slice(i, min(i + step, self.number)) for i in range(0, self.number, step)]
 
@@ -218,6 +220,13 @@ class ChainDrawer:
         for block in blocks_of(request):
             self._fill((block, chains.part(block.span)))
         return chains
+
+    def retargeted(self, source: int, drawn: ChainSet) -> ChainSet:
+        """Return the same chains with their crossings to the receivers of this link."""
+        search = partial(self._search, source)
+        receivers = self._representatives() if drawn.flat else []
+        flat = {receiver: search(drawn.chains, receiver) for receiver in receivers}
+        return drawn._replace(find=search, flat=flat)
 
     def draw_all(self, requests: Sequence[Request], threads: int = 1) -> list[Drawing]:
         """Return sets of chains, which are drawn now if they are few enough to be stored.

@@ -56,7 +56,6 @@ _ORDERS = 40  # separate numbers of scatterings; the last holds all beyond
 _LEAST_SLOPED = 0.1  # tuned: least share of aperture points drawn by slopes that pays its time
 _COPIES = 256  # room for copies of one photon that wait at a time
 _FREQUENT = 0.7  # tuned: least mean number of drawn collisions on the way up
-_TURBID = 1.0  # b (1 - g) depth beyond which diffusion theory is the importance
 _SPREAD = 1.3  # tuned: width of the law of crossings, over that of the slopes
 # tuned: decay of the chance of a connection with depth, over c; random slopes or turbid water
 _DECAY = 0.8
@@ -79,6 +78,8 @@ _VISIBLE = 50.0  # [m], depth from which light comes back to the air at most
 _SEEN_SHARE = 0.1  # tuned: radius of the water about a receiver that counts as near, over the way
 _EVENTS = 10_000_000  # most events of a photon and its copies
 _OPAQUE = 1e4  # largest optical depth: diffuse photons collide up to its square times (1 - g)
+DIFFUSE = 1.0
+"""Optical depth b (1 - g) z beyond which the importance is that of diffusion theory."""
 # options of the physics that joined photons need
 _SWITCHES = {"snell": "physical", "direction": "vector", "second_hit": "trace"}
 
@@ -312,7 +313,7 @@ class JoinedPhotons:
         if link.physics.absorption == "continuous" and link.physics.free_path != "local_c":
             often = max(1.0, _FREQUENT / (b * depth)) if b > 0.0 else 1.0
         in_water = link.direction == "under"
-        window = _window(a, turned, turned * depth > _TURBID, in_water)
+        window = _window(a, turned, turned * depth > DIFFUSE, in_water)
         # crossings are drawn somewhat wider than slopes of waves and random ones carry them
         spread = _SPREAD * math.sqrt(rough + arrays.mean_square_slope(surface))
         changes_sides = self._same_side is None
