@@ -1,27 +1,18 @@
-"""Files of scenes: pyvista datasets, VTK files for ParaView, pictures, and web pages."""
+"""Files of scenes: pyvista datasets, files for other programs, and pictures."""
 
 from __future__ import annotations
 
-import html
-import io
-import json
-import re
-import zipfile
 from collections.abc import Callable, Iterable
 from functools import singledispatch
 from io import BytesIO
 from pathlib import Path
-from string import Template
 from typing import Any, cast
 
 import numpy as np
 import pyvista as pv
-from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageFilter
-from trame_vtk.modules.vtk import serializers
-from trame_vtk.tools.vtksz2html import write_html
 from vtkmodules import vtkIOXML
 
 from meshtrace.engine.paths import PhotonPaths
@@ -33,7 +24,6 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.results.series import CoverageMap
 
 from .stage import ScenePlotter
-from .style import CHALK
 
 
 @singledispatch
@@ -289,138 +279,3 @@ def surface_sampler(mesh: TriangleMesh) -> Callable[[ArrayLike], NDArray[np.floa
         return np.asarray(pv.PolyData(points).sample(flat).point_data["elevation"])
 
     return elevation
-
-
-_HEAD, _LIGHTS = (
-    (Path(__file__).parent / f"page_{part}.html").read_text(encoding="utf-8")
-    for part in ("head", "lights")
-)
-
-
-def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -> Path:
-    """Write a scene as a self-contained interactive web page.
-
-    Parameters
-    ----------
-    plotter : ScenePlotter or pyvista.Plotter
-        Plotter or scene. Texts of a `ScenePlotter` face the current camera.
-    path : path
-        File, .html.
-    title : str
-        Heading.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    Refused
-        If the suffix is not .html or .htm.
-    """
-    path = require_suffix(path, (".html", ".htm"))
-    page = _exported(plotter)
-    head = Template(_HEAD).substitute(title=html.escape(title), ink=CHALK)
-    # by a function, since `re` would take backslashes in a title for groups
-    page = re.sub(r"<title>.*?</title>", lambda _: head, page, count=1)
-    # a self-contained page must not load icons from the network
-    page = re.sub(r"https://kitware\.github\.io/vtk-js/icon/[^`\"']*", "data:,", page)
-    body = _about(plotter, title)
-    page = page.replace("<body>", f"<body>\n{body}", 1).replace("</body>", f"{_LIGHTS}</body>")
-    with atomic(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return path
-
-
-def _exported(plotter: pv.Plotter) -> str:
-    """Return the page of the viewer with the scene, with texts as 3D letters, without colour bars.
-
-    In place of the bars, `_about` has HTML.
-    """
-    bars = list(plotter.scalar_bars.values())
-    for bar in bars:
-        bar.SetVisibility(False)
-    letters = _letters(plotter) if isinstance(plotter, ScenePlotter) else None
-    actor = letters and plotter.add_mesh(
-        letters, scalars="tint", rgb=True, lighting=False, render=False
-    )
-    page = io.StringIO()
-    write_html(_packed(plotter.render_window), page)
-    for bar in bars:
-        bar.SetVisibility(True)
-    if actor:
-        plotter.remove_actor(actor, render=False)
-    return page.getvalue()
-
-
-def _packed(window: Any) -> bytes:
-    """Return a render window as a zip file for the viewer.
-
-    This is what pyvista's `export_html` does, but without starting a web server.
-    """
-    serializers.initialize_serializers()
-    context = serializers.SynchronizationContext()
-    context.set_ignore_last_dependencies(True)  # a complete state, not changes since the last one
-    state = serializers.serialize(None, window, serializers.reference_id(window), context, 1)
-    camera = window.GetRenderers().GetFirstRenderer().GetActiveCamera()
-    state["extra"] = {
-        "vtkRefId": serializers.reference_id(window),
-        "centerOfRotation": camera.GetFocalPoint(),
-        "camera": serializers.reference_id(camera),
-    }
-    arrays = {
-        entry["hash"]: entry | {"content": context.get_cached_data_array(entry["hash"], False)}
-        for entry in serializers.extract_array_hash(state)
-    }
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as file:
-        file.writestr("index.json", json.dumps({"hashes": arrays, "scene": state}))
-    return buffer.getvalue()
-
-
-def _letters(scene: ScenePlotter) -> pv.PolyData | None:
-    """Return the texts of a scene as flat letters that face the camera."""
-    size, words = 0.021 * scene.stage.size, []  # [m] height of letters, tuned
-    for point, text, align in scene.texts:
-        # VTK has letters as polygons for ASCII only
-        word = pv.Text3D(text.replace("°", " deg"), depth=0.0)
-        x0, x1 = word.bounds[:2]
-        shift = {"left": -x0, "center": 0.0, "right": -x1}[align]
-        # the rows of the frame are right, up and towards the camera
-        word.points = size * (word.points + np.array([shift, 0.0, 0.0])) @ scene.frame + point
-        background = 255.0 * np.array(to_rgb(CHALK))
-        word.point_data["tint"] = np.tile(background.astype(np.uint8), (word.n_points, 1))
-        words.append(word)
-    return pv.merge(words) if words else None
-
-
-def _about(plotter: pv.Plotter, title: str) -> str:
-    """Return heading, caption, colour bars and key as HTML."""
-    key: dict[str, str] = getattr(plotter, "key", {})
-    items = "".join(
-        f'<li><i style="background:{color}"></i>{html.escape(label)}</li>'
-        for label, color in key.items()
-    )
-    bars = "".join(_bar(name, bar) for name, bar in plotter.scalar_bars.items())
-    # the viewer empties its container, the element "content", and so leaves the rest
-    return (
-        '<div class="content"></div>'
-        f'<div id="about"><h1>{html.escape(title)}</h1>'
-        f"<p>{html.escape(getattr(plotter, 'caption', ''))}</p>"
-        "<p>drag to turn, wheel to zoom, shift and drag to move</p>"
-        f"{bars}<ul>{items}</ul></div>"
-    )
-
-
-def _bar(title: str, bar: Any) -> str:
-    """Return a colour bar as HTML."""
-    colors = bar.GetLookupTable()
-    low, high = colors.GetRange()
-    shades = [to_hex(colors.map_value(float(value))) for value in np.linspace(low, high, 12)]
-    gradient = f"linear-gradient(to right, {', '.join(shades)})"
-    return (
-        f"<p>{html.escape(' '.join(title.split()))}"
-        f'<span class="bar" style="display:block;background:{gradient}"></span>'
-        f'<span class="ends"><span>{low:.3g}</span><span>{high:.3g}</span></span></p>'
-    )

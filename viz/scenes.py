@@ -170,23 +170,17 @@ def scene(
     []
     """
     stage = stage_of(link, surface, style.extent)
+    shown = shown_mesh(surface, stage, time, style.spacing)
+    paths, crossing_paths, received_paths, coverage = light_of(
+        link, surface, stage, time, paths=paths, received=received, coverage=coverage, seed=seed
+    )
     if plotter is None:
         plotter = ScenePlotter(
             stage, off_screen=style.off_screen or None, window_size=style.window_size
         )
     plotter.wipe()
     plotter.suppress_rendering = True  # else a shown scene is rendered after each part
-    shown = shown_mesh(surface, stage, time, style.spacing)
     bubbles = link.bubbles if link is not None and style.bubbles else None
-    if isinstance(coverage, int):
-        if link is None:
-            raise Refused("coverage", Described("of a mesh alone"), "with a link")
-        from meshtrace.studies.coverage import coverage_map
-
-        half, photons = 0.5 * stage.half, coverage
-        coverage = coverage_map(
-            link, surface, half, half / 20.0, times=(time,), photons=photons, seed=seed
-        )
     # from back to front: translucent parts are blended in this order
     if link is not None:
         parts.add_bodies(plotter, link)
@@ -202,11 +196,9 @@ def scene(
         opacity=style.opacity, shaded=shaded,
         light="white" if link is None or daylight else _DUSK,
     )  # fmt: skip
+    if isinstance(surface, TriangleMesh):
+        plotter.shown["surface"] = surface  # files have all of it
     if link is not None:
-        trace = partial(trace_paths, link, surface, time=time, seed=seed)
-        paths = trace(paths) if isinstance(paths, int) else paths
-        # many paths for the footprint, few of them to draw
-        crossing_paths, received_paths = received_light(trace, paths, received)
         for drawn_paths in (paths, received_paths):
             if drawn_paths is not None:
                 add_paths(plotter, drawn_paths, color=style.path_color)
@@ -230,6 +222,38 @@ def scene(
     return plotter
 
 
+def light_of(
+    link: Link | None,
+    surface: MeshSource | TriangleMesh,
+    stage: Stage,
+    time: float,
+    *,
+    paths: PhotonPaths | int | None,
+    received: PhotonPaths | int | None,
+    coverage: CoverageMap | int | None,
+    seed: int,
+) -> tuple[PhotonPaths | None, PhotonPaths | None, PhotonPaths | None, CoverageMap | None]:
+    """Return the light of a scene, after tracing what is a number: paths, a map.
+
+    Paths are those of any photons, those of received light for the footprint, and those to draw.
+    """
+    if isinstance(coverage, int):
+        if link is None:
+            raise Refused("coverage", Described("of a mesh alone"), "with a link")
+        from meshtrace.studies.coverage import coverage_map
+
+        half, photons = 0.5 * stage.half, coverage
+        coverage = coverage_map(
+            link, surface, half, half / 20.0, times=(time,), photons=photons, seed=seed
+        )
+    if link is None:
+        return None, None, None, coverage
+    trace = partial(trace_paths, link, surface, time=time, seed=seed)
+    paths = trace(paths) if isinstance(paths, int) else paths
+    # many paths for the footprint, few of them to draw
+    return paths, *received_light(trace, paths, received), coverage
+
+
 def _beside(coverage: CoverageMap, link: Link) -> float:
     """Return the distance [m] of texts from receivers that stand beside a map of the gain.
 
@@ -243,9 +267,9 @@ def _beside(coverage: CoverageMap, link: Link) -> float:
 def shown_mesh(
     surface: MeshSource | TriangleMesh, stage: Stage, time: float, spacing: float | None
 ) -> TriangleMesh:
-    """Return the surface within the stage: a sea as a mesh; a mesh unchanged."""
+    """Return the surface within the stage: a sea as a mesh; of a mesh that part."""
     if isinstance(surface, TriangleMesh):
-        return surface
+        return parts.cut_to(surface, stage.bounds)
     mesh_spacing = spacing or stage.half / 100.0
     if stage.half / mesh_spacing > MOST_CELLS:
         allowed = f">= {stage.half / MOST_CELLS:g} m for a half-width of {stage.half:g} m"
@@ -300,6 +324,8 @@ def caption(link: Link | None, surface: Any, time: float, gain: GainResult | Non
         # a number in a picture is taken for the result: one that is mostly noise is left out
         if value > 0.0 and error <= NOISIEST * value:
             texts.append(f"gain {value:.2e} ± {error:.0e}")
+        elif value == 0.0:
+            texts.append("no light received")
     return "; ".join(texts)
 
 

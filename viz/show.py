@@ -28,7 +28,8 @@ from meshtrace.results.daylight import IrradianceSeries
 from meshtrace.results.gain import GainResult
 from meshtrace.results.series import GainSeries
 
-from .export import export_scene, require_suffix, save_html
+from .export import export_scene, require_suffix
+from .page import save_html
 from .scenes import RECEIVED_SHOWN, SceneStyle, Shown, scene
 from .style import CHALK, DUSK, FATE_COLORS, NIGHT, PALETTE, RC, axis_label, water_map
 
@@ -514,18 +515,21 @@ def view(
         caption_gain = gain if isinstance(gain, GainResult) else _gain_of(link, surface, time, seed)
         still = shown.copy()
         still["paths"], still["style"] = paths_of_still, style.replace(off_screen=not window)
-        plotter = scene(link, surface, time=time, gain=caption_gain, **still)
-        if screenshot:
-            with atomic(screenshot) as temporary:
-                plotter.screenshot(temporary)
-            files.append(Path(screenshot))
+        if window or screenshot or export:
+            plotter = scene(link, surface, time=time, gain=caption_gain, **still)
+            if screenshot:
+                with atomic(screenshot) as temporary:
+                    plotter.screenshot(temporary)
+                files.append(Path(screenshot))
+            if export:
+                files += export_scene(plotter, export)
+            if window:
+                plotter.show(title=title)
+            plotter.close()
         if html:
-            files.append(save_html(plotter, html, title))
-        if export:
-            files += export_scene(plotter, export)
-        if window:
-            plotter.show(title=title)
-        plotter.close()
+            files.append(save_html(
+                link, surface, html, time=time, gain=caption_gain, title=title, **still
+            ))  # fmt: skip
     if movie or light:
         times, rate = _frames(series, time, frames, frame_rate)
     if movie and isinstance(link, Link) and isinstance(surface, MeshSource):

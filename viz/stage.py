@@ -155,7 +155,7 @@ class ScenePlotter(pv.Plotter):
         self.caption = ""
         self.shown: dict[str, TriangleMesh | PhotonPaths | CoverageMap | Body] = {}
         self.shade: Callable[[], None] | None = None
-        self.set_background(NIGHT, top=DUSK)  # type: ignore[arg-type]
+        self.under(None)
         self.enable_anti_aliasing("ssaa")
         # a low sun behind the waves for glint, light from above, and light from the camera
         low_sun = pv.Light(position=(0.6, 1.0, 0.55), light_type="scene light", intensity=0.75)
@@ -165,6 +165,11 @@ class ScenePlotter(pv.Plotter):
             lamp.positional = False
             self.add_light(lamp)
         look(self)
+
+    def under(self, sky: tuple[str, str] | None) -> None:
+        """Set the background: dusk, or the colours of the sky near the horizon and high up."""
+        low, high = sky or (NIGHT, DUSK)
+        self.set_background(low, top=high)  # type: ignore[arg-type]
 
     def wipe(self) -> None:
         """Remove all parts, but not the camera and the lights."""

@@ -141,7 +141,7 @@ def test_a_coverage_map(tmp_path, asked):
     assert asked["time"] == 2.0
 
 
-@pytest.mark.parametrize("missing", ["pyvista", "trame_vtk", "matplotlib", "imageio"])
+@pytest.mark.parametrize("missing", ["pyvista", "trame_client", "matplotlib", "imageio"])
 def test_a_missing_extra_is_a_hint(monkeypatch, missing):
     monkeypatch.delitem(sys.modules, "meshtrace.viz", raising=False)
     monkeypatch.setitem(sys.modules, missing, None)
