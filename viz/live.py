@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex, to_rgb
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from meshtrace.daylight import Daylight
 from meshtrace.engine.paths import PhotonPaths
@@ -29,13 +29,14 @@ from meshtrace.results.series import CoverageMap
 from . import parts
 from .scenes import longest_left_out, path_segments, wind_of
 from .stage import Stage
-from .style import FATE_COLORS, PALETTE, RECEIVER_COLOR, to_srgb
+from .style import BODY_COLORS, FATE_COLORS, PALETTE, RECEIVER_COLOR, to_srgb
 from .water import (
     DEFAULT_DAY,
     DEFAULT_WATER,
     WATER_BRIGHTNESS,
     SeaLight,
     foam_streaks,
+    is_day,
     left_out,
     short_waves,
     sky_colors,
@@ -48,7 +49,6 @@ SCATTERED_COLOR = PALETTE["purple"]
 LAMPS = 4
 """Lamps whose beams are drawn, as in `assets/shaders.js`."""
 
-_LEAST_IRRADIANCE = 1e-4  # of daylight rather than moon or night [W m-2 nm-1]
 _DUSK = Daylight(direct=0.25, diffuse=1.0, sun_zenith_deg=80.0, sun_azimuth_deg=118.0)
 _DUSK_TINT, _MOON_TINT, _DAY_TINT = (0.006, 0.009, 0.016), (0.02, 0.025, 0.036), (0.9, 0.9, 0.96)
 _CLOUD_TINT = (0.5, 0.52, 0.56)
@@ -136,7 +136,7 @@ def look_part(
     upwelling = math.pi * WATER_BRIGHTNESS * sea_light.upwelling
     inside = np.array(_LEAST_INSIDE) * min(1.0, _MOST_INSIDE / float(upwelling.max()))
     # streaks are Gaussian: foam is where they exceed the quantile of its share
-    foam = 1.1 * norm.ppf(1.0 - sea_light.foam) if sea_light.foam > 0.0 else 100.0
+    foam = 1.1 * ndtri(1.0 - sea_light.foam) if sea_light.foam > 0.0 else 100.0
     glint = 0.0 if day is _DUSK else day.direct / day.irradiance
     return {
         "waves": tile, "rest": tile["rest"], "sky": _sky_image(day), "sun": list(day.sun),
@@ -174,7 +174,7 @@ def _sky_of(day: Daylight | None) -> tuple[Daylight, tuple[float, float, float]]
     """Choose the sky to draw and its brightness; night is drawn as late dusk."""
     if day is None or day.light == "moonless night":
         return _DUSK, _DUSK_TINT
-    if day.irradiance < _LEAST_IRRADIANCE:
+    if not is_day(day):
         return day, _MOON_TINT
     if day.direct == 0.0:
         return day, _CLOUD_TINT
@@ -250,7 +250,7 @@ def bodies_part(link: Link, stage: Stage) -> list[dict[str, Any]]:
         corners = vertices[faces]
         middle = corners[..., :2].mean(axis=1) - stage.center
         within = ((reach[0] <= middle) & (middle <= reach[1])).all(axis=1)
-        color = _DIM * np.array(to_rgb(parts.BODY_COLORS[body.reflection]))
+        color = _DIM * np.array(to_rgb(BODY_COLORS[body.reflection]))
         facets = corners[within].astype(np.float32)
         shown.append({"bytes": facets.tobytes(), "color": color.tolist()})
     return shown

@@ -21,7 +21,7 @@ from meshtrace.optics.bubbles import BubblePopulation
 
 from .export import surface_sampler, to_pyvista
 from .stage import ScenePlotter, Stage, Z, add_labels, round_range
-from .style import LED_COLOR, PALETTE, RECEIVER_COLOR, plain_label, water_map
+from .style import BODY_COLORS, LED_COLOR, PALETTE, RECEIVER_COLOR, SHALLOW, plain_label, water_map
 from .water import SeaLight, ShadedSea
 
 SurfaceColor = Literal["water", "elevation", "slope", "slope_x", "slope_y", "plain"]
@@ -35,12 +35,7 @@ SURFACE_COLORS = {
 """Titles of the colour bars of the surface."""
 
 BUBBLE_COLOR = EDGE_COLOR = "#FFFFFF"
-DEEP_COLORS = ("#2F7F9E", "#061726")
-"""Colours of the block of water in a scene, at the surface and in the dark below."""
-
 _AIRCRAFT_COLOR = "#9AA6B2"
-BODY_COLORS = {"lambert": "#B7AA96", "mirror": "#DDE5EC", "black": "#30343A"}
-"""Colours of the bodies of a link, by the way they reflect."""
 LIGHT_COLOR = "#BFF3FF"
 """Colour of a beam in the water."""
 
@@ -210,12 +205,12 @@ def add_bubbles(
         foot = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
         foot = foot if mesh.overhangs else mesh.vertices[outline(mesh)[:-1], :2]
         foot = np.pad(foot, ((0, 0), (0, 1)), constant_values=bottom)
-        scene.add_mesh(pv.lines_from_points(foot, close=True), color=DEEP_COLORS[0], opacity=0.5)
+        scene.add_mesh(pv.lines_from_points(foot, close=True), color=SHALLOW, opacity=0.5)
         floor = pv.PolyData(foot, faces=[len(foot), *reversed(range(len(foot)))]).triangulate()
         block = pv.merge([block, floor], merge_points=False)
     levels = np.linspace(bottom, 0.0, 256)
     dark = _darkness(scene, np.pad(levels[:, None], ((0, 0), (2, 0))))
-    shallow, deep = (np.array(to_rgb(c)) for c in DEEP_COLORS)
+    shallow, deep = (np.array(to_rgb(c)) for c in (SHALLOW, scene.deep))
     # near sides face the camera: culling removes the others; opacities are tuned
     name, culling, alpha = ("near water", "back", 0.302) if near else ("water", "front", 0.97)
     block.point_data["z"] = block.points[:, 2]
@@ -347,7 +342,7 @@ def add_bodies(scene: ScenePlotter, link: Link) -> ScenePlotter:
         solid = _within(facets, scene.stage.bounds, 3)
         if not solid.n_cells:
             continue
-        color, deep = (np.array(to_rgb(c)) for c in (BODY_COLORS[body.reflection], DEEP_COLORS[0]))
+        color, deep = (np.array(to_rgb(c)) for c in (BODY_COLORS[body.reflection], SHALLOW))
         haze = _HAZE * _darkness(scene, solid.points)
         colors = color + haze * (deep * (1.0 - haze) - color)
         solid.point_data["tint"] = np.rint(255.0 * colors).astype(np.uint8)
@@ -429,7 +424,8 @@ def add_receiver(
     Texts are at least `aside` [m] from the receiver, beside a map around it.
     """
     stage = scene.stage
-    for receiver in link.receivers:
+    for i, receiver in enumerate(link.receivers, 1):
+        scene.shown[f"receiver_{i}"] = receiver
         x, y, z = receiver.axis
         # the cone of the field of view opens against the axis
         half_fov = receiver.fov_deg / 2.0

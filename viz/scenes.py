@@ -25,8 +25,8 @@ from meshtrace.results.series import CoverageMap
 from . import parts
 from .export import surface_sampler, to_pyvista
 from .stage import ScenePlotter, Stage, add_caption, add_compass, add_key, add_scale, look, stage_of
-from .style import CHALK, FATE_COLORS, SEQUENTIAL, SLIDE
-from .water import SeaLight, ShadedSea
+from .style import FATE_COLORS, SEQUENTIAL, SLIDE
+from .water import DEFAULT_DAY, SeaLight, ShadedSea, backdrop, is_day
 
 PathColor = Literal["fate", "weight"]
 
@@ -71,6 +71,8 @@ class SceneStyle(Model, frozen=True):
     extent, spacing : float, optional
         Half-width of the sea shown and its mesh spacing [m]; by default in proportion to the
         link. A small extent gives a close-up of the surface.
+    transparent : bool
+        Leave the background of a screenshot by `view` out.
     off_screen : bool
         Render without a window, as always if `pyvista.OFF_SCREEN` is set.
     window_size : tuple of int
@@ -93,6 +95,7 @@ class SceneStyle(Model, frozen=True):
     labels: bool = True
     extent: Positive | None = None
     spacing: Positive | None = None
+    transparent: bool = False
     off_screen: bool = False
     window_size: tuple[_Pixels, _Pixels] = SLIDE
 
@@ -176,10 +179,13 @@ def scene(
     )
     if plotter is None:
         plotter = ScenePlotter(
-            stage, off_screen=style.off_screen or None, window_size=style.window_size
-        )
+            stage, off_screen=style.off_screen or None, window_size=style.window_size,
+            transparent=style.transparent,
+        )  # fmt: skip
     plotter.wipe()
     plotter.suppress_rendering = True  # else a shown scene is rendered after each part
+    day = DEFAULT_DAY if link is None and daylight is None else daylight
+    plotter.under(backdrop(day) if day is not None and is_day(day) else None)
     bubbles = link.bubbles if link is not None and style.bubbles else None
     # from back to front: translucent parts are blended in this order
     if link is not None:
@@ -193,8 +199,9 @@ def scene(
         shaded = ShadedSea(shown, sea_light, longest, time, texels)
     parts.add_surface(
         plotter, shown, color=style.color, color_limit=style.color_limit, edges=style.edges,
-        opacity=style.opacity, shaded=shaded,
-        light="white" if link is None or daylight else _DUSK,
+        # VTK blends sheets in front of each other in the order of their facets
+        opacity=1.0 if shown.overhangs else style.opacity, shaded=shaded,
+        light="white" if is_day(day) else _DUSK,
     )  # fmt: skip
     if isinstance(surface, TriangleMesh):
         plotter.shown["surface"] = surface  # files have all of it
@@ -215,8 +222,8 @@ def scene(
     if style.labels:
         add_scale(plotter)
         add_compass(plotter, *wind_of(surface))
-        add_caption(plotter, caption(link, surface, time, gain))
         add_key(plotter)
+        add_caption(plotter, caption(link, surface, time, gain))
     plotter.suppress_rendering = False
     plotter.render()
     return plotter
@@ -392,6 +399,9 @@ def add_paths(
             continue
         # over the root of their number: few rays are visible, and many do not fill the picture
         strength = (_RECEIVED if received else _SEEN) / math.sqrt(n_visible)
+        # fainter where they overlap in a narrow bundle: the beam below them stays visible
+        spread = math.sqrt(max(np.linalg.eigvalsh(np.cov(rays.points.T))[1], 0.0))
+        strength *= min(max(spread / (_WIDE * scene.stage.size), _LEAST_STRENGTH), 1.0)
         alpha: Any = min(strength, 0.8) * rays["fade"] * (1.0 if received else rays["weight"])
         line_width = (1.6 if received else 1.0) * width
         if color == "weight":
@@ -409,6 +419,7 @@ def add_paths(
 
 # Tuned, for the eye.
 _SEEN, _RECEIVED = 10.0, 3.0  # opacity of rays, other and received, times the root of their number
+_WIDE, _LEAST_STRENGTH = 0.06, 0.15  # of bundles: width, over the size of the stage, and opacity
 _PIECES = 60  # segments of a ray as long as the stage
 _SOFT = 0.1  # width of the rim in which rays fade, over the size of the stage
 
@@ -550,7 +561,7 @@ def add_coverage(scene: ScenePlotter, coverage: CoverageMap) -> ScenePlotter:
     scene.shown["map"] = coverage
     data = to_pyvista(coverage).clip_box(scene.stage.bounds, invert=False)
     frame = data.extract_feature_edges()
-    scene.add_mesh(frame, color=CHALK, opacity=0.5, lighting=False, name="frame")
+    scene.add_mesh(frame, color=scene.chalk, opacity=0.5, lighting=False, name="frame")
     scene.add_mesh(
         data, name="coverage", scalars="gain", cmap="inferno", opacity=[0.05, 0.6, 0.7],
         lighting=False, scalar_bar_args=scene.bar("channel gain"),

@@ -10,7 +10,7 @@ from meshtrace import viz
 from meshtrace.surfaces import FlatSea, JonswapSea, TiltedPlane
 from meshtrace.viz import ScenePlotter, export, parts, scenes
 from meshtrace.viz.stage import ROOM, round_length, round_range, stage_of
-from meshtrace.viz.style import FATE_COLORS, LED_COLOR
+from meshtrace.viz.style import BODY_COLORS, FATE_COLORS, LED_COLOR
 
 LINK = mt.Link()
 SEA = JonswapSea(wind_speed=5.0, seed=7)
@@ -544,7 +544,7 @@ def test_bodies_are_seen_where_they_are_and_exported(shoot, plain, tmp_path):
         body = mt.Body(wall, reflection=reflection)
         far = mt.Body(wall, position=(0.0, 500.0, 0.0))
         plotter, image = shoot(LINK.replace(objects=(body, far)))
-        assert plotter.key == {name: parts.BODY_COLORS[reflection]}
+        assert plotter.key == {name: BODY_COLORS[reflection]}
         assert "body_2" not in plotter.actors
         x, _, z = np.reshape(plotter.actors["body_1"].bounds, (3, 2))
         np.testing.assert_allclose(x, (-plotter.stage.half, 4.0), atol=1e-6)
