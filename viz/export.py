@@ -253,11 +253,8 @@ def _solids(scene: ScenePlotter) -> Iterator[tuple[str, pv.PolyData, str]]:
             lines = lines.clip_box(scene.stage.bounds, invert=False).extract_surface(algorithm=None)
             if lines.n_cells:
                 tubes = lines.tube(radius=_THIN * scene.stage.size, n_sides=5)
-                yield (
-                    name if fate == "received" else f"paths_{fate}".replace(" ", "_"),
-                    tubes,
-                    color,
-                )
+                whole = name if name == "received" else f"{name}_{fate}".replace(" ", "_")
+                yield whole, tubes, color
 
 
 _THIN = 5e-4  # tuned: radius of a path over the size of the stage, a pixel or two of a picture

@@ -325,6 +325,10 @@ def caption(link: Link | None, surface: Any, time: float, gain: GainResult | Non
         words.append(f"wind {speed:g} m/s")
     if (seed := getattr(surface, "seed", None)) is not None:
         words.append(f"seed {seed}, t = {time:.2f} s")
+    if (waves := getattr(surface, "components", None)) is not None and len(waves.amplitude):
+        # 4 standard deviations of the elevation: a storm on a small stage looks like a slope
+        height = 4.0 * math.sqrt(0.5 * float(np.square(waves.amplitude).sum()))
+        words.append(f"Hs {height:.2g} m")
     texts.append(", ".join(words))
     if gain is not None:
         value, error = (np.ravel(v)[0] for v in (gain.gain, gain.gain_stderr))
@@ -401,7 +405,8 @@ def add_paths(
         strength = (_RECEIVED if received else _SEEN) / math.sqrt(n_visible)
         # fainter where they overlap in a narrow bundle: the beam below them stays visible
         spread = math.sqrt(max(np.linalg.eigvalsh(np.cov(rays.points.T))[1], 0.0))
-        strength *= min(max(spread / (_WIDE * scene.stage.size), _LEAST_STRENGTH), 1.0)
+        apart = spread / (_WIDE * scene.stage.size) * math.sqrt(RECEIVED_SHOWN / n_visible)
+        strength *= min(max(apart, _LEAST_STRENGTH), 1.0)
         alpha: Any = min(strength, 0.8) * rays["fade"] * (1.0 if received else rays["weight"])
         line_width = (1.6 if received else 1.0) * width
         if color == "weight":
@@ -419,7 +424,7 @@ def add_paths(
 
 # Tuned, for the eye.
 _SEEN, _RECEIVED = 10.0, 3.0  # opacity of rays, other and received, times the root of their number
-_WIDE, _LEAST_STRENGTH = 0.06, 0.15  # of bundles: width, over the size of the stage, and opacity
+_WIDE, _LEAST_STRENGTH = 0.01, 0.2  # of bundles: width, over the size of the stage, and opacity
 _PIECES = 60  # segments of a ray as long as the stage
 _SOFT = 0.1  # width of the rim in which rays fade, over the size of the stage
 
