@@ -11,7 +11,7 @@ from typing import Any
 from meshtrace.errors import installing
 from meshtrace.lazy import attach
 
-for _package in ("matplotlib", "pyvista", "trame_vtk", "imageio"):
+for _package in ("matplotlib", "pyvista", "trame_client", "imageio"):
     if not find_spec(_package):
         raise ImportError(f"viz: {_package} is not installed: {installing('viz')}", name=_package)
 

@@ -1,10 +1,10 @@
 from . import marks as marks
 from . import style as style
 from .export import export_scene as export_scene
-from .export import save_html as save_html
 from .export import save_picture as save_picture
 from .export import save_vtk as save_vtk
 from .export import to_pyvista as to_pyvista
+from .page import save_html as save_html
 from .parts import add_bubbles as add_bubbles
 from .parts import add_receiver as add_receiver
 from .parts import add_surface as add_surface

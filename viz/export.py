@@ -1,27 +1,19 @@
-"""Files of scenes: pyvista datasets, VTK files for ParaView, pictures, and web pages."""
+"""Files of scenes: pyvista datasets, files for other programs, and pictures."""
 
 from __future__ import annotations
 
-import html
-import io
-import json
-import re
-import zipfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import singledispatch
 from io import BytesIO
 from pathlib import Path
-from string import Template
 from typing import Any, cast
 
 import numpy as np
 import pyvista as pv
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageFilter
-from trame_vtk.modules.vtk import serializers
-from trame_vtk.tools.vtksz2html import write_html
 from vtkmodules import vtkIOXML
 
 from meshtrace.engine.paths import PhotonPaths
@@ -29,20 +21,21 @@ from meshtrace.engine.photons.state import Vertex
 from meshtrace.errors import Described, Refused
 from meshtrace.files import atomic
 from meshtrace.link import Body
+from meshtrace.link.receivers import Aperture
 from meshtrace.mesh import TriangleMesh
 from meshtrace.results.series import CoverageMap
 
 from .stage import ScenePlotter
-from .style import CHALK
+from .style import BODY_COLORS, FATE_COLORS, RECEIVER_COLOR, SHALLOW
 
 
 @singledispatch
-def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap | Body) -> pv.DataSet:
-    """Return a surface, photon paths, a coverage map or a body as a pyvista dataset.
+def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap | Body | Aperture) -> pv.DataSet:
+    """Return a surface, photon paths, a map, a body or a receiver as a pyvista dataset.
 
     Parameters
     ----------
-    source : TriangleMesh, PhotonPaths, CoverageMap or Body
+    source : TriangleMesh, PhotonPaths, CoverageMap, Body or receiver
         Result to show.
 
     Returns
@@ -51,7 +44,7 @@ def to_pyvista(source: TriangleMesh | PhotonPaths | CoverageMap | Body) -> pv.Da
         For a surface: triangles with elevation [m], slopes and the exact normals at the points.
         For paths: lines with weight and events at the points, and with the photon and the final
         event of each line. For a map: cells with gain and its standard error, at the height of the
-        receiver. For a body: triangles where the body is.
+        receiver. For a body: triangles where the body is; for a receiver: its aperture.
 
     Raises
     ------
@@ -111,6 +104,12 @@ def _(source: Body) -> pv.PolyData:
     return pv.PolyData.from_regular_faces(vertices, faces.astype(int))
 
 
+@to_pyvista.register
+def _(source: Aperture) -> pv.PolyData:
+    ring = {"inner": 0.0, "outer": source.radius, "c_res": 60}
+    return pv.Disc(center=source.center, normal=source.axis, **ring).triangulate()
+
+
 def _height(source: CoverageMap) -> float:
     """Return the height of the first receiver of the map [m], 0 if the map has none."""
     receivers = source.provenance.get("link", {}).get("receiver", [])
@@ -140,16 +139,18 @@ _XML: dict[type[pv.DataSet], Any] = {
 _SUFFIXES = {pv.PolyData: (".vtp", ".vtu", ".ply", ".stl"), pv.ImageData: (".vti",)}
 
 
-def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap | Body, path: str | Path) -> Path:
-    """Write a surface, photon paths, a coverage map or a body as a file for ParaView.
+def save_vtk(
+    source: TriangleMesh | PhotonPaths | CoverageMap | Body | Aperture, path: str | Path
+) -> Path:
+    """Write a surface, photon paths, a map, a body or a receiver as a file for ParaView.
 
     Parameters
     ----------
-    source : TriangleMesh, PhotonPaths, CoverageMap or Body
+    source : TriangleMesh, PhotonPaths, CoverageMap, Body or receiver
         Result to write; its arrays are those of `to_pyvista`.
     path : path
-        File: .vtp or .vtu for surfaces, paths and bodies (also .ply, .stl without paths), .vti for
-        maps.
+        File: .vtp or .vtu for surfaces, paths, bodies and receivers (also .ply, .stl without
+        paths), .vti for maps.
 
     Returns
     -------
@@ -180,28 +181,115 @@ def save_vtk(source: TriangleMesh | PhotonPaths | CoverageMap | Body, path: str 
     return path
 
 
-def export_scene(scene: ScenePlotter, folder: str | Path) -> list[Path]:
-    """Write the surface, bodies, paths and map of a scene as files for ParaView.
+SCENE_SUFFIXES = (".glb", ".gltf", ".obj")
+"""File name suffixes of a whole scene in one file."""
+
+
+def export_scene(scene: ScenePlotter, path: str | Path) -> list[Path]:
+    """Write the parts of a scene as files for ParaView, or as one for Blender.
 
     Parameters
     ----------
     scene : ScenePlotter
         Drawing to export.
-    folder : path
-        Folder, created if missing: surface.vtp, body_1.vtp and so on, paths.vtp, received.vtp,
-        map.vti.
+    path : path
+        Folder, created if missing, for surface.vtp, body_1.vtp, receiver_1.vtp and so on,
+        paths.vtp, received.vtp and map.vti; or a file .glb, .gltf or .obj of the same parts but
+        the map, with y up as these formats have it, and paths as tubes within the stage.
 
     Returns
     -------
     list of Path
-        The files.
+        The files; a .obj has a second one, .mtl, with its colours.
     """
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    path = Path(path)
+    if path.suffix in SCENE_SUFFIXES:
+        return _save_solid(scene, path)
+    path.mkdir(parents=True, exist_ok=True)
     return [
-        save_vtk(source, folder / f"{name}{_SUFFIXES[type(to_pyvista(source))][0]}")
+        save_vtk(source, path / f"{name}{_SUFFIXES[type(to_pyvista(source))][0]}")
         for name, source in scene.shown.items()
     ]
+
+
+def _save_solid(scene: ScenePlotter, path: Path) -> list[Path]:
+    """Write a scene as one file of triangles, and the colours of a .obj beside it."""
+    from trimesh import Scene
+    from trimesh.exchange.gltf import export_gltf
+    from trimesh.exchange.obj import export_obj
+
+    solids = Scene()
+    for name, data, color in _solids(scene):
+        solids.add_geometry(_solid(data, name, color), geom_name=name, node_name=name)
+    files: dict[Path, bytes] = {}
+    if path.suffix == ".glb":
+        files[path] = solids.export(file_type="glb")
+    elif path.suffix == ".gltf":
+        files[path] = export_gltf(solids, embed_buffers=True)["model.gltf"]
+    else:
+        colors = path.with_suffix(".mtl")
+        text, textures = export_obj(solids, return_texture=True, mtl_name=colors.name)
+        files = {path: text.encode(), colors: textures[colors.name]}
+    for file, content in files.items():
+        with atomic(file) as temporary:
+            temporary.write_bytes(content)
+    return list(files)
+
+
+def _solids(scene: ScenePlotter) -> Iterator[tuple[str, pv.PolyData, str]]:
+    """Yield the parts of a scene that have triangles, by name, with their colours."""
+    for name, source in scene.shown.items():
+        if isinstance(source, CoverageMap):
+            continue
+        if not isinstance(source, PhotonPaths):
+            color = SHALLOW if isinstance(source, TriangleMesh) else RECEIVER_COLOR
+            color = BODY_COLORS[source.reflection] if isinstance(source, Body) else color
+            yield name, to_pyvista(source), color
+            continue
+        landed = ~source.received & (source.final == Vertex.LANDED)
+        fates = source.received, landed, ~source.received & ~landed
+        for (fate, color), which in zip(FATE_COLORS.items(), fates, strict=True):
+            lines: Any = to_pyvista(source).extract_cells(which)
+            lines = lines.clip_box(scene.stage.bounds, invert=False).extract_surface(algorithm=None)
+            if lines.n_cells:
+                tubes = lines.tube(radius=_THIN * scene.stage.size, n_sides=5)
+                whole = name if name == "received" else f"{name}_{fate}".replace(" ", "_")
+                yield whole, tubes, color
+
+
+_THIN = 5e-4  # tuned: radius of a path over the size of the stage, a pixel or two of a picture
+
+
+def _solid(data: pv.PolyData, name: str, color: str) -> Any:
+    """Return a part as a mesh of trimesh, z up turned to y up."""
+    from trimesh import Trimesh
+    from trimesh.visual import TextureVisuals
+    from trimesh.visual.material import PBRMaterial
+
+    data = data.triangulate()
+    x, y, z = np.asarray(data.points, float).T
+    clear = name == "surface"  # water is smooth and clear, all else dull
+    rgba = np.rint(255.0 * np.array(to_rgba(color, 0.8 if clear else 1.0))).astype(np.uint8)
+    look = PBRMaterial(
+        name=name, baseColorFactor=rgba, metallicFactor=0.0, roughnessFactor=0.05 if clear else 0.8,
+        alphaMode="BLEND" if clear else "OPAQUE", doubleSided=True,
+    )  # fmt: skip
+    points = np.column_stack([x, z, -y])
+    return Trimesh(points, data.regular_faces, process=False, visual=TextureVisuals(material=look))
+
+
+def save_screenshot(scene: ScenePlotter, path: str | Path) -> Path:
+    """Write the image of a scene as a PNG, without background if the scene is transparent."""
+    image = Image.fromarray(scene.screenshot(return_img=True))  # type: ignore[arg-type]
+    if scene.transparent:
+        pixels = scene.screenshot(return_img=True, transparent_background=True)
+        drawn, alpha = np.split(np.asarray(pixels, float), [3], axis=2)
+        # VTK has blended the colours with the background, black
+        drawn = np.minimum(255.0 * drawn / np.maximum(alpha, 1.0), 255.0)
+        image = Image.fromarray(np.rint(np.concatenate([drawn, alpha], axis=2)).astype(np.uint8))
+    with atomic(path) as temporary:
+        image.save(temporary)
+    return Path(path)
 
 
 def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 400_000) -> Path:
@@ -289,138 +377,3 @@ def surface_sampler(mesh: TriangleMesh) -> Callable[[ArrayLike], NDArray[np.floa
         return np.asarray(pv.PolyData(points).sample(flat).point_data["elevation"])
 
     return elevation
-
-
-_HEAD, _LIGHTS = (
-    (Path(__file__).parent / f"page_{part}.html").read_text(encoding="utf-8")
-    for part in ("head", "lights")
-)
-
-
-def save_html(plotter: pv.Plotter, path: str | Path, title: str = "meshtrace") -> Path:
-    """Write a scene as a self-contained interactive web page.
-
-    Parameters
-    ----------
-    plotter : ScenePlotter or pyvista.Plotter
-        Plotter or scene. Texts of a `ScenePlotter` face the current camera.
-    path : path
-        File, .html.
-    title : str
-        Heading.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    Refused
-        If the suffix is not .html or .htm.
-    """
-    path = require_suffix(path, (".html", ".htm"))
-    page = _exported(plotter)
-    head = Template(_HEAD).substitute(title=html.escape(title), ink=CHALK)
-    # by a function, since `re` would take backslashes in a title for groups
-    page = re.sub(r"<title>.*?</title>", lambda _: head, page, count=1)
-    # a self-contained page must not load icons from the network
-    page = re.sub(r"https://kitware\.github\.io/vtk-js/icon/[^`\"']*", "data:,", page)
-    body = _about(plotter, title)
-    page = page.replace("<body>", f"<body>\n{body}", 1).replace("</body>", f"{_LIGHTS}</body>")
-    with atomic(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return path
-
-
-def _exported(plotter: pv.Plotter) -> str:
-    """Return the page of the viewer with the scene, with texts as 3D letters, without colour bars.
-
-    In place of the bars, `_about` has HTML.
-    """
-    bars = list(plotter.scalar_bars.values())
-    for bar in bars:
-        bar.SetVisibility(False)
-    letters = _letters(plotter) if isinstance(plotter, ScenePlotter) else None
-    actor = letters and plotter.add_mesh(
-        letters, scalars="tint", rgb=True, lighting=False, render=False
-    )
-    page = io.StringIO()
-    write_html(_packed(plotter.render_window), page)
-    for bar in bars:
-        bar.SetVisibility(True)
-    if actor:
-        plotter.remove_actor(actor, render=False)
-    return page.getvalue()
-
-
-def _packed(window: Any) -> bytes:
-    """Return a render window as a zip file for the viewer.
-
-    This is what pyvista's `export_html` does, but without starting a web server.
-    """
-    serializers.initialize_serializers()
-    context = serializers.SynchronizationContext()
-    context.set_ignore_last_dependencies(True)  # a complete state, not changes since the last one
-    state = serializers.serialize(None, window, serializers.reference_id(window), context, 1)
-    camera = window.GetRenderers().GetFirstRenderer().GetActiveCamera()
-    state["extra"] = {
-        "vtkRefId": serializers.reference_id(window),
-        "centerOfRotation": camera.GetFocalPoint(),
-        "camera": serializers.reference_id(camera),
-    }
-    arrays = {
-        entry["hash"]: entry | {"content": context.get_cached_data_array(entry["hash"], False)}
-        for entry in serializers.extract_array_hash(state)
-    }
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as file:
-        file.writestr("index.json", json.dumps({"hashes": arrays, "scene": state}))
-    return buffer.getvalue()
-
-
-def _letters(scene: ScenePlotter) -> pv.PolyData | None:
-    """Return the texts of a scene as flat letters that face the camera."""
-    size, words = 0.021 * scene.stage.size, []  # [m] height of letters, tuned
-    for point, text, align in scene.texts:
-        # VTK has letters as polygons for ASCII only
-        word = pv.Text3D(text.replace("°", " deg"), depth=0.0)
-        x0, x1 = word.bounds[:2]
-        shift = {"left": -x0, "center": 0.0, "right": -x1}[align]
-        # the rows of the frame are right, up and towards the camera
-        word.points = size * (word.points + np.array([shift, 0.0, 0.0])) @ scene.frame + point
-        background = 255.0 * np.array(to_rgb(CHALK))
-        word.point_data["tint"] = np.tile(background.astype(np.uint8), (word.n_points, 1))
-        words.append(word)
-    return pv.merge(words) if words else None
-
-
-def _about(plotter: pv.Plotter, title: str) -> str:
-    """Return heading, caption, colour bars and key as HTML."""
-    key: dict[str, str] = getattr(plotter, "key", {})
-    items = "".join(
-        f'<li><i style="background:{color}"></i>{html.escape(label)}</li>'
-        for label, color in key.items()
-    )
-    bars = "".join(_bar(name, bar) for name, bar in plotter.scalar_bars.items())
-    # the viewer empties its container, the element "content", and so leaves the rest
-    return (
-        '<div class="content"></div>'
-        f'<div id="about"><h1>{html.escape(title)}</h1>'
-        f"<p>{html.escape(getattr(plotter, 'caption', ''))}</p>"
-        "<p>drag to turn, wheel to zoom, shift and drag to move</p>"
-        f"{bars}<ul>{items}</ul></div>"
-    )
-
-
-def _bar(title: str, bar: Any) -> str:
-    """Return a colour bar as HTML."""
-    colors = bar.GetLookupTable()
-    low, high = colors.GetRange()
-    shades = [to_hex(colors.map_value(float(value))) for value in np.linspace(low, high, 12)]
-    gradient = f"linear-gradient(to right, {', '.join(shades)})"
-    return (
-        f"<p>{html.escape(' '.join(title.split()))}"
-        f'<span class="bar" style="display:block;background:{gradient}"></span>'
-        f'<span class="ends"><span>{low:.3g}</span><span>{high:.3g}</span></span></p>'
-    )

@@ -9,9 +9,10 @@ from typing import Any, Literal
 
 import numpy as np
 import pyvista as pv
-from matplotlib.colors import to_rgb
+from matplotlib.colors import ListedColormap, to_rgb
 from numpy.typing import ArrayLike
 
+from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.link import Link, Receiver
 from meshtrace.link.receivers import Aperture
 from meshtrace.link.sources import AirLamp, Source, WaterSource
@@ -19,8 +20,8 @@ from meshtrace.mesh import TriangleMesh
 from meshtrace.optics.bubbles import BubblePopulation
 
 from .export import surface_sampler, to_pyvista
-from .stage import ScenePlotter, Z, add_labels, round_range
-from .style import LED_COLOR, PALETTE, RECEIVER_COLOR, plain_label, water_map
+from .stage import ScenePlotter, Stage, Z, add_labels, round_range
+from .style import BODY_COLORS, LED_COLOR, PALETTE, RECEIVER_COLOR, SHALLOW, plain_label, water_map
 from .water import SeaLight, ShadedSea
 
 SurfaceColor = Literal["water", "elevation", "slope", "slope_x", "slope_y", "plain"]
@@ -34,12 +35,7 @@ SURFACE_COLORS = {
 """Titles of the colour bars of the surface."""
 
 BUBBLE_COLOR = EDGE_COLOR = "#FFFFFF"
-DEEP_COLORS = ("#2F7F9E", "#061726")
-"""Colours of the block of water in a scene, at the surface and in the dark below."""
-
 _AIRCRAFT_COLOR = "#9AA6B2"
-BODY_COLORS = {"lambert": "#B7AA96", "mirror": "#DDE5EC", "black": "#30343A"}
-"""Colours of the bodies of a link, by the way they reflect."""
 LIGHT_COLOR = "#BFF3FF"
 """Colour of a beam in the water."""
 
@@ -97,10 +93,7 @@ def add_surface(
     data = _within(data, scene.stage.bounds)
     look: dict[str, Any] = {"color": PALETTE["blue"]}
     if color != "plain":
-        values = data.point_data[color]
-        clim = round_range(float(values.min()), float(values.max()))
-        if color_limit is not None:
-            clim = (0.0 if color == "slope" else -color_limit, color_limit)
+        clim = limits_of(data.point_data[color], color, color_limit)
         bar = scene.bar(SURFACE_COLORS[color])
         look = {"scalars": color, "clim": clim, "cmap": water_map(), "scalar_bar_args": bar}
     scene.add_mesh(
@@ -109,6 +102,20 @@ def add_surface(
         ambient=0.3, diffuse=0.75, specular=0.2, specular_power=30.0, **look,
     )  # fmt: skip
     return scene
+
+
+def limits_of(values: Any, color: str, color_limit: float | None) -> tuple[float, float]:
+    """Return the ends of the colour scale of a surface, by `add_surface`."""
+    if color_limit is not None:
+        return (0.0 if color == "slope" else -color_limit, color_limit)
+    if color != "elevation":
+        # facets of a crest that hangs over have slopes without a bound, which would leave one
+        # colour to all others
+        values = np.clip(values, -_STEEPEST, _STEEPEST)
+    return round_range(float(values.min()), float(values.max()))
+
+
+_STEEPEST = 2.0  # tuned: slope beyond which colours do not change, 63 degrees
 
 
 def _add_water(
@@ -188,41 +195,92 @@ def add_bubbles(
     ScenePlotter
         The same scene.
     """
-    ring, bottom = mesh.vertices[outline(mesh)], scene.stage.bottom
-    fraction = np.linspace(0.0, 1.0, 60)[:, None] ** 2  # finer near the surface
-    z = ring[:, 2] + fraction * (bottom - ring[:, 2])
-    x, y = (np.broadcast_to(column, z.shape) for column in ring[:, :2].T)
-    grid = pv.StructuredGrid(x[..., None], y[..., None], z[..., None])
-    block = grid.extract_surface(algorithm=None)
+    corners, bottom = walls(mesh, scene.stage.bottom), scene.stage.bottom
+    block = pv.PolyData.from_regular_faces(
+        corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
+    )
     if not near:
-        foot = np.column_stack([ring[:-1, :2], np.full(len(ring) - 1, bottom)])
-        scene.add_mesh(pv.lines_from_points(foot, close=True), color=DEEP_COLORS[0], opacity=0.5)
+        # of a wave that hangs over the edge of the mesh runs to and fro above its foot
+        (x0, y0, _), (x1, y1, _) = mesh.bounds
+        foot = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+        foot = foot if mesh.overhangs else mesh.vertices[outline(mesh)[:-1], :2]
+        foot = np.pad(foot, ((0, 0), (0, 1)), constant_values=bottom)
+        scene.add_mesh(pv.lines_from_points(foot, close=True), color=SHALLOW, opacity=0.5)
         floor = pv.PolyData(foot, faces=[len(foot), *reversed(range(len(foot)))]).triangulate()
         block = pv.merge([block, floor], merge_points=False)
-    dark = _darkness(scene, block.points)
-    shallow, deep = (np.array(to_rgb(c)) for c in DEEP_COLORS)
+    levels = np.linspace(bottom, 0.0, 256)
+    dark = _darkness(scene, np.pad(levels[:, None], ((0, 0), (2, 0))))
+    shallow, deep = (np.array(to_rgb(c)) for c in (SHALLOW, scene.deep))
     # near sides face the camera: culling removes the others; opacities are tuned
     name, culling, alpha = ("near water", "back", 0.302) if near else ("water", "front", 0.97)
-    scene.add_tinted(block, shallow + dark * (deep - shallow), alpha, name=name, culling=culling)
+    block.point_data["z"] = block.points[:, 2]
+    scene.add_mesh(
+        block, scalars="z", cmap=ListedColormap(shallow + dark * (deep - shallow)),
+        clim=(bottom, 0.0), opacity=alpha, lighting=False, show_scalar_bar=False, name=name,
+        culling=culling,
+    )  # fmt: skip
     if bubbles is not None and not near:
         _add_points(scene, mesh, bubbles)
     return scene
 
 
+def walls(mesh: TriangleMesh, bottom: float) -> np.ndarray:
+    """Return the triangles (n, 3, 3) [m] of the sides of the water from the edge of a mesh down.
+
+    They are anticlockwise from outside. Where the edge of a wave that hangs over stays in a plane
+    they fill what it encloses with the foot, so that air below the crest stays free.
+    """
+    ring = mesh.vertices[outline(mesh)]
+    foot = np.column_stack([ring[:, :2], np.full(len(ring), bottom)])
+    a, b, c, d = ring[:-1], ring[1:], foot[:-1], foot[1:]
+    if not mesh.overhangs:
+        return np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
+    (x0, y0, _), (x1, y1, _) = mesh.bounds
+    close = 1e-6 * max(x1 - x0, y1 - y0)
+    ends_of_mesh = (1, y0), (0, x1), (1, y1), (0, x0)
+    on = np.stack([np.abs(ring[:, k] - end) < close for k, end in ends_of_mesh])
+    # the side of each piece of the edge: -1 for one of its own, as of a mesh without straight sides
+    both = on[:, :-1] & on[:, 1:]
+    side = np.where(both.any(axis=0), both.argmax(axis=0), -1)
+    start = int(np.argmax(side != np.roll(side, 1)))  # of a side
+    side, ring = np.roll(side, -start), np.vstack([np.roll(ring[:-1], -start, axis=0), ring[start]])
+    cuts = np.flatnonzero((side[1:] != side[:-1]) | (side[1:] < 0)) + 1
+    triangles = []
+    for piece in np.split(np.arange(len(side)), cuts):
+        top = ring[piece[0] : piece[-1] + 2]
+        ends = top[[0, -1]].copy()
+        ends[:, 2] = bottom
+        n = len(top) + 2
+        filled = pv.PolyData(np.vstack([ends, top[::-1]]), faces=[n, *range(n)]).triangulate()
+        triangles.append(filled.points[filled.regular_faces])
+    return np.concatenate(triangles)
+
+
+def cut_to(mesh: TriangleMesh, bounds: Any) -> TriangleMesh:
+    """Return the part of a mesh within the limits x, x, y, y [m], or all of one that has none."""
+    data: Any = to_pyvista(mesh)
+    data.point_data["normal"] = mesh.vertex_normals
+    cut = _within(data, bounds)
+    if cut is data or not cut.n_cells:
+        return mesh
+    cut = cut.triangulate().clean(tolerance=1e-9)
+    # exactly within, or it would be cut again when it is drawn
+    low, high = np.reshape(bounds, (3, 2)).T
+    points, faces = np.asarray(cut.points, float), cut.regular_faces
+    points[:, :2] = np.clip(points[:, :2], low[:2], high[:2])
+    a, b, c = points[faces].swapaxes(0, 1)
+    area = np.cross(b - a, c - a)
+    # slivers at the sides of the stage have no normal
+    kept = np.linalg.norm(area, axis=1) > 1e-12
+    kept &= mesh.overhangs | (area[:, 2] > 0.0)
+    normals = np.asarray(cut.point_data["normal"], float)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    return TriangleMesh(points, faces[kept], normals, mesh.unresolved, mesh.overhangs)
+
+
 def _add_points(scene: ScenePlotter, mesh: TriangleMesh, bubbles: BubblePopulation) -> None:
-    """Draw bubbles in number proportional to their scattering at each depth, in three sizes."""
-    stage, rng = scene.stage, np.random.default_rng(1)
-    depth = np.linspace(0.0, -stage.bottom, 2001)
-    b = bubbles.b(depth)
-    # optical thickness from the surface down; trapezoidal: scipy.integrate takes seconds to import
-    cumulated = np.append(0.0, np.cumsum(0.5 * (b[1:] + b[:-1]) * np.diff(depth)))
-    n = int(min(_BUBBLES_SHOWN * cumulated[-1] / _THICK, 2.0 * _BUBBLES_SHOWN))
-    x, y = (c + stage.half * rng.uniform(-1.0, 1.0, n) for c in stage.center)
-    z = surface_sampler(mesh)(np.column_stack([x, y]))
-    # depths below the surface by inversion: uniform in optical thickness
-    z -= np.interp(rng.uniform(0.0, cumulated[-1], n), cumulated, depth)
-    inside = z > stage.bottom
-    points = np.column_stack([x, y, z])[inside]
+    """Draw bubbles in three sizes."""
+    points = bubble_points(scene.stage, mesh, bubbles)
     # points are sized for windows of 1600 pixels
     pixel = scene.window_size[0] / 1600.0
     for i, (size, alpha) in enumerate(((2.0, 0.3), (3.0, 0.5), (5.0, 0.7))):
@@ -233,7 +291,27 @@ def _add_points(scene: ScenePlotter, mesh: TriangleMesh, bubbles: BubblePopulati
                 pv.PolyData(subset), color=BUBBLE_COLOR, opacity=alpha, point_size=size * pixel,
                 render_points_as_spheres=True, lighting=False,
             )  # fmt: skip
-    scene.key[f"bubbles, {float(bubbles.b(0.0)):.2g} 1/m at the surface"] = BUBBLE_COLOR
+    scene.key[bubble_words(bubbles)] = BUBBLE_COLOR
+
+
+def bubble_words(bubbles: BubblePopulation) -> str:
+    """Return the words for bubbles in a key."""
+    return f"bubbles, {float(bubbles.b(0.0)):.2g} 1/m at the surface"
+
+
+def bubble_points(stage: Stage, mesh: TriangleMesh, bubbles: BubblePopulation) -> np.ndarray:
+    """Return points (n, 3) [m], as many at each depth as bubbles scatter there."""
+    rng = np.random.default_rng(1)
+    depth = np.linspace(0.0, -stage.bottom, 2001)
+    b = bubbles.b(depth)
+    # optical thickness from the surface down; trapezoidal: scipy.integrate takes seconds to import
+    cumulated = np.append(0.0, np.cumsum(0.5 * (b[1:] + b[:-1]) * np.diff(depth)))
+    n = int(min(_BUBBLES_SHOWN * cumulated[-1] / _THICK, 2.0 * _BUBBLES_SHOWN))
+    x, y = (c + stage.half * rng.uniform(-1.0, 1.0, n) for c in stage.center)
+    z = surface_sampler(mesh)(np.column_stack([x, y]))
+    # depths below the surface by inversion: uniform in optical thickness
+    z -= np.interp(rng.uniform(0.0, cumulated[-1], n), cumulated, depth)
+    return np.column_stack([x, y, z])[z > stage.bottom]
 
 
 _BUBBLES_SHOWN, _THICK = 12_000, 0.05
@@ -264,7 +342,7 @@ def add_bodies(scene: ScenePlotter, link: Link) -> ScenePlotter:
         solid = _within(facets, scene.stage.bounds, 3)
         if not solid.n_cells:
             continue
-        color, deep = (np.array(to_rgb(c)) for c in (BODY_COLORS[body.reflection], DEEP_COLORS[0]))
+        color, deep = (np.array(to_rgb(c)) for c in (BODY_COLORS[body.reflection], SHALLOW))
         haze = _HAZE * _darkness(scene, solid.points)
         colors = color + haze * (deep * (1.0 - haze) - color)
         solid.point_data["tint"] = np.rint(255.0 * colors).astype(np.uint8)
@@ -346,7 +424,8 @@ def add_receiver(
     Texts are at least `aside` [m] from the receiver, beside a map around it.
     """
     stage = scene.stage
-    for receiver in link.receivers:
+    for i, receiver in enumerate(link.receivers, 1):
+        scene.shown[f"receiver_{i}"] = receiver
         x, y, z = receiver.axis
         # the cone of the field of view opens against the axis
         half_fov = receiver.fov_deg / 2.0
@@ -392,8 +471,12 @@ def _add_cone(
     side = np.arange(len(rim) - 1)  # a triangle between the apex and each side of the rim
     faces = np.column_stack([np.full_like(side, 3), np.zeros_like(side), side + 1, side + 2])
     cone = pv.PolyData(np.vstack([apex, rim]), faces=faces.ravel())
+    # where a crest hangs over, the rim leaps from the crest to the sea behind it
+    step = np.linalg.norm(np.diff(rim, axis=0), axis=1)
+    joined = np.flatnonzero(step <= _LEAP * np.median(step))
     # lifted off the surface, or both would flicker
-    ring = pv.lines_from_points(rim + 2e-3 * stage.size * Z).tube(radius=0.0014 * stage.size)
+    ends = np.stack([rim[joined], rim[joined + 1]], axis=1).reshape(-1, 3) + 2e-3 * stage.size * Z
+    ring = pv.line_segments_from_points(ends).tube(radius=0.0014 * stage.size)
     for part, opacity in ((cone, fill), (ring, 0.9)):
         inside = part.clip_box(stage.bounds, invert=False)
         if inside.n_cells and opacity:
@@ -401,6 +484,8 @@ def _add_cone(
 
 
 _SHELLS = 8  # tuned: nested cones that stand for a beam
+_LEAP = 8.0  # tuned: steps of a rim that are no part of it, over the median; a tilt has 2 or 3
+_IN_AIR = 0.25  # tuned: brightness of a beam in the air, which scatters next to nothing of it
 
 
 def _add_beam(
@@ -411,13 +496,14 @@ def _add_beam(
     In the air they do not fade; c is the attenuation of the water [m-1].
     """
     stage, fraction = scene.stage, np.linspace(0.0, 1.0, 40)[:, None, None]
-    attenuation = c if apex[2] < 0.0 else 0.0
+    attenuation, bright = (c, 1.0) if apex[2] < 0.0 else (0.0, _IN_AIR)
     half_angles = min(half_deg, 80.0) * np.arange(1, _SHELLS + 1) / _SHELLS
     for rim in cone_rim(mesh, apex, axis, half_angles, 2.0 * stage.size):
         points = np.array(apex) + fraction * (rim - apex)
         distance = np.linalg.norm(points - apex, axis=2)
         grid = pv.StructuredGrid(*(points[..., k][..., None] for k in range(3)))
-        grid.point_data["alpha"] = (0.11 * np.exp(-attenuation * distance)).ravel(order="F")
+        alpha = 0.11 * bright * np.exp(-attenuation * distance)
+        grid.point_data["alpha"] = alpha.ravel(order="F")
         shell = grid.extract_surface(algorithm=None)
         scene.add_tinted(shell, LIGHT_COLOR, shell["alpha"], clipped=True)
 
@@ -432,16 +518,10 @@ def cone_rim(
     azimuth, half = np.linspace(0.0, 2.0 * math.pi, 97), np.radians(half_deg)[..., None]
     across = np.cos(azimuth) * np.sin(half), np.sin(azimuth) * np.sin(half)
     rays = np.stack(np.broadcast_arrays(*across, np.cos(half)), axis=-1) @ rotation_from_z(axis).T
-    # towards: +1 up from under water, -1 down from the air
-    elevation, towards = surface_sampler(mesh), -math.copysign(1.0, apex[2])
-    # level rays and those that turn away end at the longest length
-    climb = np.maximum(towards * rays[..., 2], 1e-3)
-    rim, z = np.empty_like(rays), np.zeros(climb.shape)
-    for _ in range(6):  # fixed point, tuned: the end of a ray is as high as the sea there
-        length = np.clip(towards * (z - apex[2]) / climb, 0.0, longest)
-        rim = np.array(apex) + length[..., None] * rays
-        # all cones at once: VTK takes milliseconds to set a search up
-        z = elevation(rim[..., :2].reshape(-1, 2)).reshape(climb.shape)
+    origins = np.broadcast_to(apex, rays.shape).reshape(-1, 3)
+    hits = EmbreeIntersector(mesh, 1).intersect(origins, rays.reshape(-1, 3))
+    length = np.minimum(hits.distance, longest).reshape(rays.shape[:-1])
+    rim: np.ndarray = np.array(apex) + length[..., None] * rays
     return rim
 
 

@@ -25,8 +25,8 @@ from meshtrace.results.series import CoverageMap
 from . import parts
 from .export import surface_sampler, to_pyvista
 from .stage import ScenePlotter, Stage, add_caption, add_compass, add_key, add_scale, look, stage_of
-from .style import CHALK, FATE_COLORS, SEQUENTIAL, SLIDE
-from .water import SeaLight, ShadedSea
+from .style import FATE_COLORS, SEQUENTIAL, SLIDE
+from .water import DEFAULT_DAY, SeaLight, ShadedSea, backdrop, is_day
 
 PathColor = Literal["fate", "weight"]
 
@@ -71,6 +71,8 @@ class SceneStyle(Model, frozen=True):
     extent, spacing : float, optional
         Half-width of the sea shown and its mesh spacing [m]; by default in proportion to the
         link. A small extent gives a close-up of the surface.
+    transparent : bool
+        Leave the background of a screenshot by `view` out.
     off_screen : bool
         Render without a window, as always if `pyvista.OFF_SCREEN` is set.
     window_size : tuple of int
@@ -93,6 +95,7 @@ class SceneStyle(Model, frozen=True):
     labels: bool = True
     extent: Positive | None = None
     spacing: Positive | None = None
+    transparent: bool = False
     off_screen: bool = False
     window_size: tuple[_Pixels, _Pixels] = SLIDE
 
@@ -170,23 +173,20 @@ def scene(
     []
     """
     stage = stage_of(link, surface, style.extent)
+    shown = shown_mesh(surface, stage, time, style.spacing)
+    paths, crossing_paths, received_paths, coverage = light_of(
+        link, surface, stage, time, paths=paths, received=received, coverage=coverage, seed=seed
+    )
     if plotter is None:
         plotter = ScenePlotter(
-            stage, off_screen=style.off_screen or None, window_size=style.window_size
-        )
+            stage, off_screen=style.off_screen or None, window_size=style.window_size,
+            transparent=style.transparent,
+        )  # fmt: skip
     plotter.wipe()
     plotter.suppress_rendering = True  # else a shown scene is rendered after each part
-    shown = shown_mesh(surface, stage, time, style.spacing)
+    day = DEFAULT_DAY if link is None and daylight is None else daylight
+    plotter.under(backdrop(day) if day is not None and is_day(day) else None)
     bubbles = link.bubbles if link is not None and style.bubbles else None
-    if isinstance(coverage, int):
-        if link is None:
-            raise Refused("coverage", Described("of a mesh alone"), "with a link")
-        from meshtrace.studies.coverage import coverage_map
-
-        half, photons = 0.5 * stage.half, coverage
-        coverage = coverage_map(
-            link, surface, half, half / 20.0, times=(time,), photons=photons, seed=seed
-        )
     # from back to front: translucent parts are blended in this order
     if link is not None:
         parts.add_bodies(plotter, link)
@@ -199,14 +199,13 @@ def scene(
         shaded = ShadedSea(shown, sea_light, longest, time, texels)
     parts.add_surface(
         plotter, shown, color=style.color, color_limit=style.color_limit, edges=style.edges,
-        opacity=style.opacity, shaded=shaded,
-        light="white" if link is None or daylight else _DUSK,
+        # VTK blends sheets in front of each other in the order of their facets
+        opacity=1.0 if shown.overhangs else style.opacity, shaded=shaded,
+        light="white" if is_day(day) else _DUSK,
     )  # fmt: skip
+    if isinstance(surface, TriangleMesh):
+        plotter.shown["surface"] = surface  # files have all of it
     if link is not None:
-        trace = partial(trace_paths, link, surface, time=time, seed=seed)
-        paths = trace(paths) if isinstance(paths, int) else paths
-        # many paths for the footprint, few of them to draw
-        crossing_paths, received_paths = received_light(trace, paths, received)
         for drawn_paths in (paths, received_paths):
             if drawn_paths is not None:
                 add_paths(plotter, drawn_paths, color=style.path_color)
@@ -223,11 +222,43 @@ def scene(
     if style.labels:
         add_scale(plotter)
         add_compass(plotter, *wind_of(surface))
-        add_caption(plotter, caption(link, surface, time, gain))
         add_key(plotter)
+        add_caption(plotter, caption(link, surface, time, gain))
     plotter.suppress_rendering = False
     plotter.render()
     return plotter
+
+
+def light_of(
+    link: Link | None,
+    surface: MeshSource | TriangleMesh,
+    stage: Stage,
+    time: float,
+    *,
+    paths: PhotonPaths | int | None,
+    received: PhotonPaths | int | None,
+    coverage: CoverageMap | int | None,
+    seed: int,
+) -> tuple[PhotonPaths | None, PhotonPaths | None, PhotonPaths | None, CoverageMap | None]:
+    """Return the light of a scene, after tracing what is a number: paths, a map.
+
+    Paths are those of any photons, those of received light for the footprint, and those to draw.
+    """
+    if isinstance(coverage, int):
+        if link is None:
+            raise Refused("coverage", Described("of a mesh alone"), "with a link")
+        from meshtrace.studies.coverage import coverage_map
+
+        half, photons = 0.5 * stage.half, coverage
+        coverage = coverage_map(
+            link, surface, half, half / 20.0, times=(time,), photons=photons, seed=seed
+        )
+    if link is None:
+        return None, None, None, coverage
+    trace = partial(trace_paths, link, surface, time=time, seed=seed)
+    paths = trace(paths) if isinstance(paths, int) else paths
+    # many paths for the footprint, few of them to draw
+    return paths, *received_light(trace, paths, received), coverage
 
 
 def _beside(coverage: CoverageMap, link: Link) -> float:
@@ -243,9 +274,9 @@ def _beside(coverage: CoverageMap, link: Link) -> float:
 def shown_mesh(
     surface: MeshSource | TriangleMesh, stage: Stage, time: float, spacing: float | None
 ) -> TriangleMesh:
-    """Return the surface within the stage: a sea as a mesh; a mesh unchanged."""
+    """Return the surface within the stage: a sea as a mesh; of a mesh that part."""
     if isinstance(surface, TriangleMesh):
-        return surface
+        return parts.cut_to(surface, stage.bounds)
     mesh_spacing = spacing or stage.half / 100.0
     if stage.half / mesh_spacing > MOST_CELLS:
         allowed = f">= {stage.half / MOST_CELLS:g} m for a half-width of {stage.half:g} m"
@@ -294,12 +325,18 @@ def caption(link: Link | None, surface: Any, time: float, gain: GainResult | Non
         words.append(f"wind {speed:g} m/s")
     if (seed := getattr(surface, "seed", None)) is not None:
         words.append(f"seed {seed}, t = {time:.2f} s")
+    if (waves := getattr(surface, "components", None)) is not None and len(waves.amplitude):
+        # 4 standard deviations of the elevation: a storm on a small stage looks like a slope
+        height = 4.0 * math.sqrt(0.5 * float(np.square(waves.amplitude).sum()))
+        words.append(f"Hs {height:.2g} m")
     texts.append(", ".join(words))
     if gain is not None:
         value, error = (np.ravel(v)[0] for v in (gain.gain, gain.gain_stderr))
         # a number in a picture is taken for the result: one that is mostly noise is left out
         if value > 0.0 and error <= NOISIEST * value:
             texts.append(f"gain {value:.2e} ± {error:.0e}")
+        elif value == 0.0:
+            texts.append("no light received")
     return "; ".join(texts)
 
 
@@ -366,6 +403,10 @@ def add_paths(
             continue
         # over the root of their number: few rays are visible, and many do not fill the picture
         strength = (_RECEIVED if received else _SEEN) / math.sqrt(n_visible)
+        # fainter where they overlap in a narrow bundle: the beam below them stays visible
+        spread = math.sqrt(max(np.linalg.eigvalsh(np.cov(rays.points.T))[1], 0.0))
+        apart = spread / (_WIDE * scene.stage.size) * math.sqrt(RECEIVED_SHOWN / n_visible)
+        strength *= min(max(apart, _LEAST_STRENGTH), 1.0)
         alpha: Any = min(strength, 0.8) * rays["fade"] * (1.0 if received else rays["weight"])
         line_width = (1.6 if received else 1.0) * width
         if color == "weight":
@@ -383,6 +424,7 @@ def add_paths(
 
 # Tuned, for the eye.
 _SEEN, _RECEIVED = 10.0, 3.0  # opacity of rays, other and received, times the root of their number
+_WIDE, _LEAST_STRENGTH = 0.01, 0.2  # of bundles: width, over the size of the stage, and opacity
 _PIECES = 60  # segments of a ray as long as the stage
 _SOFT = 0.1  # width of the rim in which rays fade, over the size of the stage
 
@@ -524,7 +566,7 @@ def add_coverage(scene: ScenePlotter, coverage: CoverageMap) -> ScenePlotter:
     scene.shown["map"] = coverage
     data = to_pyvista(coverage).clip_box(scene.stage.bounds, invert=False)
     frame = data.extract_feature_edges()
-    scene.add_mesh(frame, color=CHALK, opacity=0.5, lighting=False, name="frame")
+    scene.add_mesh(frame, color=scene.chalk, opacity=0.5, lighting=False, name="frame")
     scene.add_mesh(
         data, name="coverage", scalars="gain", cmap="inferno", opacity=[0.05, 0.6, 0.7],
         lighting=False, scalar_bar_args=scene.bar("channel gain"),

@@ -28,7 +28,8 @@ from meshtrace.results.daylight import IrradianceSeries
 from meshtrace.results.gain import GainResult
 from meshtrace.results.series import GainSeries
 
-from .export import export_scene, require_suffix, save_html
+from .export import SCENE_SUFFIXES, export_scene, require_suffix, save_screenshot
+from .page import save_html
 from .scenes import RECEIVED_SHOWN, SceneStyle, Shown, scene
 from .style import CHALK, DUSK, FATE_COLORS, NIGHT, PALETTE, RC, axis_label, water_map
 
@@ -469,7 +470,7 @@ def view(
     light : path, optional
         Picture or movie of the light pattern to write, by `save_light`: .png, .mp4 or .gif.
     export : path, optional
-        Folder for the surface, paths and map as VTK files.
+        Folder for VTK files, or a file .glb, .gltf or .obj, by `export_scene`.
     gain : GainSeries or GainResult, optional
         Gain over the times of the movie, or that in the caption of a picture; by default that of
         `simulate` with its default options.
@@ -514,18 +515,19 @@ def view(
         caption_gain = gain if isinstance(gain, GainResult) else _gain_of(link, surface, time, seed)
         still = shown.copy()
         still["paths"], still["style"] = paths_of_still, style.replace(off_screen=not window)
-        plotter = scene(link, surface, time=time, gain=caption_gain, **still)
-        if screenshot:
-            with atomic(screenshot) as temporary:
-                plotter.screenshot(temporary)
-            files.append(Path(screenshot))
+        if window or screenshot or export:
+            plotter = scene(link, surface, time=time, gain=caption_gain, **still)
+            if screenshot:
+                files.append(save_screenshot(plotter, screenshot))
+            if export:
+                files += export_scene(plotter, export)
+            if window:
+                plotter.show(title=title)
+            plotter.close()
         if html:
-            files.append(save_html(plotter, html, title))
-        if export:
-            files += export_scene(plotter, export)
-        if window:
-            plotter.show(title=title)
-        plotter.close()
+            files.append(save_html(
+                link, surface, html, time=time, gain=caption_gain, title=title, **still
+            ))  # fmt: skip
     if movie or light:
         times, rate = _frames(series, time, frames, frame_rate)
     if movie and isinstance(link, Link) and isinstance(surface, MeshSource):
@@ -577,8 +579,9 @@ def _refuse_unwritable(outputs: dict[str, str | Path | None]) -> None:
         if name is None:
             continue
         path = Path(name)
-        if kind in SUFFIXES:
-            require_writable(require_suffix(path, SUFFIXES[kind], kind), field=kind)
+        if kind in SUFFIXES or path.suffix in SCENE_SUFFIXES:
+            suffixes = SUFFIXES.get(kind, SCENE_SUFFIXES)
+            require_writable(require_suffix(path, suffixes, kind), field=kind)
             continue
         folder = path if path.exists() else path.parent
         if not (folder.is_dir() and os.access(folder, os.W_OK)):

@@ -24,12 +24,12 @@ from meshtrace.link.sources import Source
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.results.series import CoverageMap
 
-from .style import CHALK, DUSK, FONT_FILE, NIGHT, PALETTE, SLIDE
+from .style import CHALK, DEEP, DUSK, FONT_FILE, NIGHT, PALETTE, SLIDE
 
 VIEW_ANGLE_DEG = 24.0
 """Full vertical angle of view of the camera [deg] (tuned: little perspective)."""
 
-ROOM = ((-0.88, 0.72), (-0.7, 0.93))
+ROOM = ((-0.88, 0.72), (-0.66, 0.93))
 """Place of the stage in the window, -1 to 1 across and up: bars beside it, texts below."""
 
 _FLAT = 0.2  # largest height over width of a stage without ruler, seen from further above
@@ -126,36 +126,42 @@ class ScenePlotter(pv.Plotter):
         Render without a window.
     window_size : tuple of int
         Pixels.
+    transparent : bool
+        For pictures without a background: texts in a grey that is seen on white and on black.
 
     Attributes
     ----------
     stage : Stage
         The box shown.
+    deep, chalk : str
+        Colours of deep water, by day and night, and of texts.
     key : dict of str to str
         Meaning of the colours, for the legend and the web page.
     texts : list of (ndarray, str, str)
         Points [m] with their texts and alignments, for the web page.
     caption : str
         Line that states link, sea and gain.
-    shown : dict of str to TriangleMesh, PhotonPaths, CoverageMap or Body
+    shown : dict of str to TriangleMesh, PhotonPaths, CoverageMap, Body or receiver
         Parts of the scene, for `export_scene`.
     shade : callable or None
         Function that updates the colours of the water after a move of the camera.
     """
 
     def __init__(
-        self, stage: Stage, *, off_screen: bool | None = None, window_size: tuple[int, int] = SLIDE
-    ) -> None:
+        self, stage: Stage, *, off_screen: bool | None = None, window_size: tuple[int, int] = SLIDE,
+        transparent: bool = False,
+    ) -> None:  # fmt: skip
         with pv.vtk_verbosity("off"):
             # without a display VTK complains, but renders nonetheless
             super().__init__(off_screen=off_screen, window_size=list(window_size), lighting="none")
         self.stage = stage
         self.key: dict[str, str] = {}
         self.texts: list[tuple[np.ndarray, str, str]] = []
-        self.caption = ""
-        self.shown: dict[str, TriangleMesh | PhotonPaths | CoverageMap | Body] = {}
+        self.caption, self.deep = "", DEEP
+        self.transparent, self.chalk = transparent, "#687580" if transparent else CHALK
+        self.shown: dict[str, TriangleMesh | PhotonPaths | CoverageMap | Body | Aperture] = {}
         self.shade: Callable[[], None] | None = None
-        self.set_background(NIGHT, top=DUSK)  # type: ignore[arg-type]
+        self.under(None)
         self.enable_anti_aliasing("ssaa")
         # a low sun behind the waves for glint, light from above, and light from the camera
         low_sun = pv.Light(position=(0.6, 1.0, 0.55), light_type="scene light", intensity=0.75)
@@ -165,6 +171,15 @@ class ScenePlotter(pv.Plotter):
             lamp.positional = False
             self.add_light(lamp)
         look(self)
+
+    def under(self, sky: tuple[str, str] | None) -> None:
+        """Set the background: dusk, or the colours of the sky near the horizon and high up."""
+        low, high = sky or (NIGHT, DUSK)
+        self.deep = low if sky else DEEP
+        if self.transparent:  # `save_screenshot` takes black out again
+            self.set_background("black")
+        else:
+            self.set_background(low, top=high)  # type: ignore[arg-type]
 
     def wipe(self) -> None:
         """Remove all parts, but not the camera and the lights."""
@@ -222,7 +237,7 @@ class ScenePlotter(pv.Plotter):
             "height": 0.3,
             "title_font_size": self.font_size,
             "label_font_size": round(0.9 * self.font_size),
-            "color": CHALK,
+            "color": self.chalk,
             "n_labels": 3,
             "fmt": "%.2g",
             "use_opacity": False,
@@ -308,7 +323,7 @@ def add_scale(scene: ScenePlotter) -> ScenePlotter:
         add_labels(scene, places, [f"{z:g}" for z in heights], align="right")
         add_labels(scene, [corner + stage.top * Z + 2.0 * up], ["z [m]"])
     segments = pv.line_segments_from_points(np.array(lines).reshape(-1, 3))
-    scene.add_mesh(segments.tube(radius=0.0012 * stage.size), color=CHALK, lighting=False)
+    scene.add_mesh(segments.tube(radius=0.0012 * stage.size), color=scene.chalk, lighting=False)
     return scene
 
 
@@ -343,23 +358,48 @@ def add_compass(
 
 
 def add_caption(scene: ScenePlotter, text: str) -> ScenePlotter:
-    """Write a caption along the lower edge of the window, above the key."""
+    """Write a caption along the lower edge of the window, above the key that is there."""
     scene.caption = text
-    scene.write(text, 0.02, 0.02 + 2.0 * scene.font_size / scene.window_size[1], CHALK)
+    rows = max((row for _, _, row in _key_places(scene)), default=0) + 1
+    # breaks between clauses, whose own spaces are of another kind
+    clauses = "; ".join(clause.replace(" ", "\N{NO-BREAK SPACE}") for clause in text.split("; "))
+    for line in reversed(textwrap.wrap(clauses, int(1.0 / _letter(scene)))):
+        scene.write(line, 0.02, 0.02 + 1.6 * (rows + 0.25) * _row(scene), scene.chalk)
+        rows += 1
     return scene
 
 
 def add_key(scene: ScenePlotter) -> ScenePlotter:
     """Draw the legend of the colours along the lower edge."""
-    left, bottom = 0.02, 0.02
-    letter = 0.53 * scene.font_size / scene.window_size[0]  # mean width / window
-    for label, color in scene.key.items():
-        if left + (len(label) + 2.3) * letter > 1.0:
-            left, bottom = 0.02, bottom + 1.6 * scene.font_size / scene.window_size[1]
-        for shift, text, text_color in ((0.0, "\N{BLACK SQUARE}", color), (2.3, label, CHALK)):
-            scene.write(text, left + shift * letter, bottom, text_color)
-        left += (len(label) + 4.3) * letter
+    for label, left, row in _key_places(scene):
+        bottom = 0.02 + 1.6 * row * _row(scene)
+        for shift, text, color in (
+            (0.0, "\N{BLACK SQUARE}", scene.key[label]), (2.3, label, scene.chalk),
+        ):  # fmt: skip
+            scene.write(text, left + shift * _letter(scene), bottom, color)
     return scene
+
+
+def _key_places(scene: ScenePlotter) -> list[tuple[str, float, int]]:
+    """Return the labels of the key with their places from the left, and rows from below."""
+    places, left, row = [], 0.02, 0
+    for label in scene.key:
+        width = (len(label) + 4.3) * _letter(scene)
+        if left > 0.02 and left + width > 1.0 + 2.0 * _letter(scene):
+            left, row = 0.02, row + 1
+        places.append((label, left, row))
+        left += width
+    return places
+
+
+def _letter(scene: ScenePlotter) -> float:
+    """Return the mean width of a letter over that of the window."""
+    return 0.53 * scene.font_size / scene.window_size[0]
+
+
+def _row(scene: ScenePlotter) -> float:
+    """Return the height of a text over that of the window."""
+    return scene.font_size / scene.window_size[1]
 
 
 def add_labels(
@@ -377,7 +417,8 @@ def add_labels(
     scene.texts += [(point, text, align) for point, text in zip(places, texts, strict=True)]
     scene.add_point_labels(
         places, texts, font_size=scene.font_size, font_file=FONT_FILE, bold=False,
-        text_color=CHALK, shape=None, background_color=NIGHT, background_opacity=0.45,
+        text_color=CHALK, shape=None, background_color=NIGHT,
+        background_opacity=0.85 if scene.transparent else 0.45,
         justification_horizontal=align, justification_vertical="center",
         show_points=False, always_visible=True,
     )  # fmt: skip

@@ -33,10 +33,16 @@ FATE_COLORS = {
 """Colours of photon paths by fate, bright in dark water and in the night."""
 
 INK = "#1F2933"
+BODY_COLORS = {"lambert": "#B7AA96", "mirror": "#DDE5EC", "black": "#30343A"}
+"""Colours of the bodies of a link, by the way they reflect."""
+
 LED_COLOR = "#F0C419"
 RECEIVER_COLOR = PALETTE["vermilion"]
 NIGHT, DUSK = "#070D16", "#20384F"
 """Background of a scene, below and above."""
+
+SHALLOW, DEEP = "#2F7F9E", "#061726"
+"""Colours of the block of water in a scene, at the surface and in the dark below."""
 
 CHALK = "#E4EBF2"
 """Texts of a scene."""

@@ -13,6 +13,7 @@ from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 from scipy import fft
 
@@ -37,6 +38,8 @@ DEFAULT_DAY = Daylight(direct=1.42, diffuse=0.295, sun_zenith_deg=50.0, sun_azim
 """Sun to the left behind the sea as seen by the default camera: glitter on a part of the waves."""
 
 DEFAULT_WATER = Water()
+
+_LEAST_IRRADIANCE = 1e-4  # of daylight rather than moon or night [W m-2 nm-1]
 
 # Colours of the sky relative to its radiance, red to blue: for looks.
 ZENITH_RGB = np.array([0.22, 0.52, 1.15])
@@ -314,6 +317,26 @@ def sky_colors(day: Daylight, directions: Floats) -> Floats:
     haze_rgb = CLOUD_RGB + clear * (ZENITH_RGB - CLOUD_RGB + haze * (HORIZON_RGB - ZENITH_RGB))
     relative = math.pi / day.irradiance * sky_radiance(day.sky, directions)
     return np.asarray(relative[:, None] * haze_rgb)
+
+
+def is_day(day: Daylight | None) -> bool:
+    """Return whether a light is that of a day, rather than of the moon or night."""
+    return day is not None and day.irradiance >= _LEAST_IRRADIANCE
+
+
+def backdrop(day: Daylight) -> tuple[str, str]:
+    """Return the colours behind a scene by day: of deep water below, of the sky above it."""
+    # towards the horizon all around, at an elevation of 20 degrees
+    azimuth = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
+    level, up = math.cos(math.radians(20.0)), np.full(16, math.sin(math.radians(20.0)))
+    towards = np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), up])
+    # a bright sky would leave nothing to the white of rays and texts: _SHADE is tuned
+    sky = screen_colors(_SHADE * sky_colors(day, towards).mean(axis=0, keepdims=True))
+    return _DAY_DEEP, to_hex(sky[0] / 255.0)
+
+
+_SHADE = 0.5
+_DAY_DEEP = "#0D3346"
 
 
 def _unit(vectors: Floats) -> Floats:

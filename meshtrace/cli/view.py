@@ -27,6 +27,14 @@ _MOST_PATHS, _MOST_FRAMES = 100_000, 10_000
 Inputs = dict[str, Any]  # arguments of a view
 
 
+def _pixels(text: str) -> tuple[int, int]:
+    """Parse a size "1600x1000"."""
+    sides = text.lower().split("x")
+    if len(sides) != 2 or not all(side.isdecimal() and 16 <= int(side) <= 10_000 for side in sides):
+        raise Refused("", text, "WIDTHxHEIGHT as in 1600x1000, 16 to 10000 pixels each")
+    return int(sides[0]), int(sides[1])
+
+
 @command()
 def view(
     changes: opt.Changes,
@@ -38,7 +46,8 @@ def view(
         "Write a movie (.mp4, .gif) of the sea and the gain.")] = None,
     pattern: Annotated[Path | None, value("A.MP4", "Write a picture (.png) or movie of the light "
         "pattern on the receiver's plane.", "--light")] = None,
-    export: Annotated[Path | None, value("FOLDER", "Write surface, paths and map for VTK.")] = None,
+    export: Annotated[Path | None, value("PATH", "Write surface, bodies, receivers and paths: "
+        "a folder of VTK files, or a .glb, .gltf or .obj.")] = None,
     paths: Annotated[int | None, value("N", "Photon paths beside received light [default: 500; "
         "movie: 0].", low=0, high=_MOST_PATHS)] = None,
     received: Annotated[int | None, value("N",
@@ -52,21 +61,28 @@ def view(
     seed: Annotated[int, value("N", "Seed of the paths.", low=0)] = 1,
     color: Annotated[Any, value("NAME",
         "water, elevation, slope, slope_x, slope_y or plain.")] = "water",
-    path_color: Annotated[Any, value("NAME", "fate or weight.")] = "fate",
+    daylight: Annotated[Any, value("NAME",
+        "Sky of the picture: clear, overcast, moon, night or none [default: of the link].")] = None,
     edges: Annotated[bool, flag("--edges", "Draw the edges of the facets.")] = False,
     extent: Annotated[float | None, value("M", "Half-width of the sea shown [m].")] = None,
     spacing: Annotated[float | None, value("M", "Mesh spacing of the sea shown [m].")] = None,
+    size: Annotated[Any, value("WxH", "Pixels of the picture or window.",
+        parser=_pixels)] = "1600x1000",
+    transparent: Annotated[bool, flag("--transparent", "Picture without a background.")] = False,
 ) -> None:  # fmt: skip
-    """Show a link, a result or a mesh: in a window, or as a picture, page, movie or VTK files."""
+    """Show a link, a result or a mesh: in a window, or as a picture, page, movie or 3D files."""
     # a view without a movie would not check it
     if frame_rate is not None:
         require_between(frame_rate, 0.0, math.inf, "--frame-rate", allowed="numbers > 0")
     with extra("viz", "viz"):
         from meshtrace.viz import SceneStyle
         from meshtrace.viz import view as show
-    style = SceneStyle(color=color, path_color=path_color, edges=edges, extent=extent,
-                       spacing=spacing)  # fmt: skip
+    style = SceneStyle(color=color, edges=edges, extent=extent, spacing=spacing,
+                       window_size=size, transparent=transparent)  # fmt: skip
     inputs = _subject(file, changes) | opt.without_none(coverage=map_, time=time)
+    if daylight is not None:
+        sky = mt.Scenario.from_toml("", changes={"daylight.model": daylight}).daylight
+        inputs["daylight"] = sky
     scenario, gain = inputs.pop("scenario", None), inputs.get("gain")
     steps = len(gain.coordinate) if isinstance(gain, mt.GainSeries) else frames
     still = any((screenshot, html, export)) or not (movie or pattern)

@@ -70,14 +70,17 @@ def test_the_default_link_as_picture_page_and_vtk_files(tmp_path):
 def test_a_link_file_with_changes_at_a_time(tmp_path, asked):
     (tmp_path / "link.toml").write_text("wind_speed = 9.0\n[transmitter]\ndepth = 7.0\n")
     view(tmp_path / "link.toml", "--set", "receiver.height=8", "--time", "2.5", "--edges",
-         "--color", "slope", "--path-color", "weight", "--paths", "7")  # fmt: skip
+         "--color", "slope", "--paths", "7", "--size", "800x450", "--transparent",
+         "--daylight", "overcast")  # fmt: skip
     assert asked["link"].transmitter.depth == 7.0
     assert asked["link"].receiver.height == 8.0
     assert asked["surface"].wind_speed == 9.0
     assert asked["title"] == "link.toml"
     style = asked["style"]
     assert (asked["time"], asked["paths"]) == (2.5, 7)
-    assert (style.edges, style.color, style.path_color) == (True, "slope", "weight")
+    assert (style.edges, style.color, style.window_size) == (True, "slope", (800, 450))
+    assert style.transparent
+    assert asked["daylight"].light == "overcast sky"
 
 
 @pytest.mark.parametrize("suffix", ["stl", "ply", "obj"])
@@ -141,7 +144,7 @@ def test_a_coverage_map(tmp_path, asked):
     assert asked["time"] == 2.0
 
 
-@pytest.mark.parametrize("missing", ["pyvista", "trame_vtk", "matplotlib", "imageio"])
+@pytest.mark.parametrize("missing", ["pyvista", "trame_client", "matplotlib", "imageio"])
 def test_a_missing_extra_is_a_hint(monkeypatch, missing):
     monkeypatch.delitem(sys.modules, "meshtrace.viz", raising=False)
     monkeypatch.setitem(sys.modules, missing, None)
@@ -170,7 +173,8 @@ def test_a_missing_extra_is_a_hint(monkeypatch, missing):
         (["--movie", "a.avi"], "--movie: 'a.avi', allowed: a file name in .mp4 or .gif"),
         (["--export", "text.txt"], "export: 'text.txt', allowed: a folder to write to"),
         (["--color", "depth"], "color: 'depth', allowed: water, elevation"),
-        (["--path-color", "age"], "color: 'age', allowed: fate or weight"),
+        (["--size", "800"], "--size: '800', allowed: WIDTHxHEIGHT"),
+        (["--daylight", "dawn"], "daylight.model: 'dawn', allowed: "),
         (["--extent", "nan"], "--extent: nan, allowed: finite numbers"),
         (["--frame-rate", "0"], "--frame-rate: 0.0, allowed: numbers > 0"),
         (["--time", "inf"], "--time: inf, allowed: a finite number"),

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import meshtrace
+import meshtrace.viz.live
 import meshtrace.viz.marks
 import meshtrace.viz.parts
 import meshtrace.viz.scenes

@@ -3,7 +3,7 @@
 import pytest
 from extras import lack_of
 
-NOTE = lack_of("tests/viz", "viz", "matplotlib", "pyvista", "trame_vtk", "imageio")
+NOTE = lack_of("tests/viz", "viz", "matplotlib", "pyvista", "trame_client", "imageio")
 collect_ignore_glob = ["test_*.py"] if NOTE else []
 
 

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 import pyvista as pv
+import trimesh
 from PIL import Image
 
 import meshtrace as mt
 from meshtrace import Vertex, viz
 from meshtrace.surfaces import FlatSea, SinusoidalSea
-from meshtrace.viz import export
+from meshtrace.viz import Stage, export
 
 SEA = SinusoidalSea(amplitude=0.3, wavelength=6.0)
 
@@ -133,3 +134,50 @@ def test_a_palette_keeps_gradients_smooth_and_rare_colours():
     assert (np.ptp(made[60:180, 200:], axis=1) == 0).all()
     assert len(np.unique(made[60:, 300], axis=0)) > 30
     assert np.abs(made[192, 5] - (255, 176, 46)).max() < 8
+
+
+@pytest.fixture(scope="module")
+def drawn(paths):
+    """Return a scene with a surface, a body, a receiver and paths."""
+    corners = [(0.0, 0.0, -3.0), (1.0, 0.0, -3.0), (1.0, 1.0, -3.0)]
+    wall = mt.Body(mt.TriangleMesh(corners, [(0, 1, 2)], overhangs=True), reflection="mirror")
+    style = viz.SceneStyle(off_screen=True, spacing=1.0, labels=False, window_size=(64, 64))
+    plotter = viz.scene(mt.Link(objects=(wall,)), FlatSea(), received=paths, style=style)
+    yield plotter
+    plotter.close()
+
+
+@pytest.mark.parametrize("suffix", ["glb", "gltf", "obj"])
+def test_a_scene_in_one_file_keeps_places_and_colours(drawn, suffix, tmp_path):
+    files = viz.export_scene(drawn, tmp_path / f"scene.{suffix}")
+    assert sorted(files) == sorted(tmp_path.iterdir())
+    parts = trimesh.load_scene(files[0]).geometry
+    assert set(parts) == {"surface", "body_1", "receiver_1", "paths_received", "paths_ended_in_the_water"}
+    x, y, z = (parts["body_1"].vertices @ [[1, 0, 0], [0, 0, 1], [0, -1, 0]]).T  # y up to z up
+    np.testing.assert_allclose([x.max(), y.max(), z.max(), z.min()], [1.0, 1.0, -3.0, -3.0])
+    aperture = parts["receiver_1"]
+    assert aperture.area == pytest.approx(np.pi * 0.05**2, rel=0.01)
+    assert aperture.vertices[:, 1] == pytest.approx(5.0)
+    low, high = parts["paths_received"].bounds[:, 1]
+    assert (low, high) == pytest.approx((-5.0, 3.0), abs=0.02)
+    material = parts["body_1"].visual.material
+    color = material.diffuse if suffix == "obj" else material.baseColorFactor
+    np.testing.assert_allclose(color[:3], [0xDD, 0xE5, 0xEC], atol=1)
+
+
+def test_a_scene_in_a_folder_has_its_receivers(drawn, tmp_path):
+    names = {path.name for path in viz.export_scene(drawn, tmp_path / "vtk")}
+    assert names == {"surface.vtp", "body_1.vtp", "receiver_1.vtp", "paths.vtp"}
+
+
+def test_pictures_without_background_keep_their_colours(tmp_path):
+    """Half clear orange is orange with an alpha of one half, not darkened by what is behind it."""
+    stage = Stage((0.0, 0.0), 1.0, -1.0, 1.0)
+    plotter = viz.ScenePlotter(stage, off_screen=True, window_size=(80, 60), transparent=True)
+    plotter.add_mesh(pv.Sphere(), color="#FF8000", opacity=0.5, lighting=False, culling="back")
+    export.save_screenshot(plotter, tmp_path / "a.png")
+    plotter.close()
+    pixels = np.asarray(Image.open(tmp_path / "a.png"))
+    assert pixels.shape == (60, 80, 4)
+    assert pixels[0, 0, 3] == 0
+    np.testing.assert_allclose(pixels[27, 37], [255, 128, 0, 128], atol=3)

@@ -11,9 +11,10 @@ import pytest
 
 import meshtrace as mt
 from meshtrace import viz
+from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.fading import resolve_band
 from meshtrace.surfaces import FlatSea, JonswapSea, MeshSequence, resolved_sea
-from meshtrace.viz import parts, show
+from meshtrace.viz import show
 
 LINK, SEA = mt.Link(), JonswapSea(wind_speed=13.0, fetch=30e3, seed=7)
 TIMES = np.array([0.0, 0.5, 1.0])
@@ -90,14 +91,14 @@ def test_a_movie_shows_the_sea_of_its_series(tmp_path, monkeypatch):
 
 
 def test_a_frame_looks_the_surface_up_a_few_times(monkeypatch):
-    """Each search of VTK takes milliseconds to set up: one for each cone took most of a frame."""
-    calls, sampler = [], parts.surface_sampler
+    """Each search takes milliseconds to set up: one for each cone took most of a frame."""
+    calls, intersect = [], EmbreeIntersector.intersect
 
-    def counted(mesh):
-        elevation = sampler(mesh)
-        return lambda places: calls.append(len(places)) or elevation(places)
+    def counted(self, origins, directions):
+        calls.append(len(origins))
+        return intersect(self, origins, directions)
 
-    monkeypatch.setattr(parts, "surface_sampler", counted)
+    monkeypatch.setattr(EmbreeIntersector, "intersect", counted)
     viz.scene(mt.Link(), FlatSea(), style=viz.SceneStyle(off_screen=True)).close()
     assert 0 < len(calls) <= 20
 

@@ -10,7 +10,7 @@ from meshtrace import viz
 from meshtrace.surfaces import FlatSea, JonswapSea, TiltedPlane
 from meshtrace.viz import ScenePlotter, export, parts, scenes
 from meshtrace.viz.stage import ROOM, round_length, round_range, stage_of
-from meshtrace.viz.style import FATE_COLORS, LED_COLOR
+from meshtrace.viz.style import BODY_COLORS, FATE_COLORS, LED_COLOR
 
 LINK = mt.Link()
 SEA = JonswapSea(wind_speed=5.0, seed=7)
@@ -325,10 +325,64 @@ def test_the_block_of_water_is_closed(shoot):
         assert actor.bounds[5] == pytest.approx(plotter.shown["surface"].bounds[1, 2], abs=0.05)
     assert far.prop.culling == "front"
     assert near.prop.culling == "back"
-    light = near.mapper.dataset["tint"][:, :3].sum(axis=1, dtype=float)
-    depth = near.mapper.dataset.points[:, 2]
-    assert light[np.argmax(depth)] > 3.0 * light[np.argmin(depth)]  # dark below
-    assert near.mapper.dataset["tint"][:, 3].max() < far.mapper.dataset["tint"][:, 3].min()
+    colors = near.mapper.lookup_table
+    low, high = (sum(colors.map_value(z)[:3]) for z in (plotter.stage.bottom, 0.0))
+    assert high > 3.0 * low  # dark below
+    assert near.prop.opacity < far.prop.opacity
+    sides = parts.walls(plotter.shown["surface"], plotter.stage.bottom)
+    outwards = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
+    assert ((sides.mean(axis=1) * outwards)[:, :2].sum(axis=1) > 0.0).all()
+
+
+@pytest.fixture(scope="module")
+def crest():
+    """Return a wave whose crest hangs over, the same for all y."""
+    turn = np.linspace(-np.pi, np.pi, 81)
+    x = np.concatenate([[-8.0], 2.0 * turn / np.pi + 1.6 * np.sin(turn), [8.0]])
+    z = np.concatenate([[0.0], 0.8 * (1.0 + np.cos(turn)), [0.0]])
+    y = np.linspace(-8.0, 8.0, 33)
+    grid = np.stack(np.broadcast_arrays(x[:, None], y, z[:, None]), axis=-1)
+    n = np.arange(grid[..., 0].size).reshape(grid.shape[:2])
+    a, b, c, d = n[:-1, :-1], n[1:, :-1], n[1:, 1:], n[:-1, 1:]
+    faces = np.concatenate([np.stack(f, axis=-1).reshape(-1, 3) for f in ((a, b, c), (a, c, d))])
+    mesh = mt.TriangleMesh(grid.reshape(-1, 3), faces, overhangs=True)
+    assert mesh.facing_down
+    return mesh
+
+
+def test_a_view_ends_at_the_first_sheet_of_a_crest(crest):
+    """Its rim once jumped between the sheets of one place (x, y)."""
+    eye = np.array([0.5, 0.0, 6.0])
+    rim = parts.cone_rim(crest, tuple(eye), (0.0, 0.0, -1.0), 25.0, 50.0)
+    first = crest.to_trimesh().ray.intersects_location(
+        np.tile(eye, (96, 1)), (rim - eye)[:-1], multiple_hits=False
+    )
+    order = np.argsort(first[1])
+    np.testing.assert_allclose(rim[:-1], first[0][order], atol=1e-5)
+    # far from the folds neighbours are neighbours
+    step = np.linalg.norm(np.diff(rim, axis=0), axis=1)
+    assert (step > 8.0 * np.median(step)).sum() <= 4
+
+
+def test_the_cut_through_a_crest_has_the_area_of_its_water(crest):
+    """Walls from every point of the edge down once covered the air below the crest."""
+    cut = parts.cut_to(crest, (-5.0, 5.0, -4.0, 4.0, -9.0, 9.0))
+    assert np.ptp(cut.vertices, axis=0)[:2] == pytest.approx([10.0, 8.0])
+    sides = parts.walls(cut, -2.0)
+    normals = 0.5 * np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
+    front = np.abs(sides[:, :, 1] + 4.0).max(axis=1) < 1e-6
+    line = crest.vertices[np.isclose(crest.vertices[:, 1], 0.0)]
+    x, z = line[:, 0].clip(-5.0, 5.0), line[:, 2]  # level water there
+    water = 0.5 * ((z[1:] + z[:-1] + 4.0) * np.diff(x)).sum()
+    assert -normals[front, 1].sum() == pytest.approx(water, rel=1e-6)
+    assert np.abs(normals[front]).sum() == pytest.approx(water, rel=1e-6)  # nowhere twice
+
+
+def test_slopes_of_a_crest_leave_colours_to_the_others(shoot, crest):
+    plotter, _ = shoot(None, crest, color="slope_x")
+    low, high = plotter.actors["surface"].mapper.scalar_range
+    assert -2.0 <= low < -1.0
+    assert 1.0 < high <= 2.0
 
 
 def test_the_aircraft_leans_with_its_receiver(shoot, plain):
@@ -490,7 +544,7 @@ def test_bodies_are_seen_where_they_are_and_exported(shoot, plain, tmp_path):
         body = mt.Body(wall, reflection=reflection)
         far = mt.Body(wall, position=(0.0, 500.0, 0.0))
         plotter, image = shoot(LINK.replace(objects=(body, far)))
-        assert plotter.key == {name: parts.BODY_COLORS[reflection]}
+        assert plotter.key == {name: BODY_COLORS[reflection]}
         assert "body_2" not in plotter.actors
         x, _, z = np.reshape(plotter.actors["body_1"].bounds, (3, 2))
         np.testing.assert_allclose(x, (-plotter.stage.half, 4.0), atol=1e-6)

@@ -69,7 +69,7 @@ def test_use_style_can_be_undone():
         assert mpl.rcParams["legend.frameon"] is False
 
 
-@pytest.mark.parametrize("missing", ["pyvista", "matplotlib", "imageio", "trame_vtk"])
+@pytest.mark.parametrize("missing", ["pyvista", "matplotlib", "imageio", "trame_client"])
 def test_missing_extra_is_reported_in_one_line(monkeypatch, missing):
     monkeypatch.delitem(sys.modules, "meshtrace.viz")
     monkeypatch.setitem(sys.modules, missing, None)

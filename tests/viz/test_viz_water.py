@@ -226,8 +226,7 @@ def test_rays_stand_out_from_water_and_air():
     """Contrast of luminance by WCAG 2, (L1 + 0.05) / (L2 + 0.05), of 2 and more."""
     from matplotlib.colors import to_rgb
 
-    from meshtrace.viz.parts import DEEP_COLORS
-    from meshtrace.viz.style import DUSK, NIGHT
+    from meshtrace.viz.style import DEEP, DUSK, NIGHT, SHALLOW
 
     def luminance(color):
         c = np.array(to_rgb(color))
@@ -240,7 +239,6 @@ def test_rays_stand_out_from_water_and_air():
         return (high + 0.05) / (low + 0.05)
 
     received, landed, ended = style.FATE_COLORS.values()
-    shallow, deep = DEEP_COLORS
     for color in (received, landed):
-        assert min(contrast(color, other) for other in (DUSK, NIGHT, shallow, deep)) > 2.0
-    assert contrast(ended, deep) > 2.0
+        assert min(contrast(color, other) for other in (DUSK, NIGHT, SHALLOW, DEEP)) > 2.0
+    assert contrast(ended, DEEP) > 2.0

@@ -1,7 +1,10 @@
-"""The web page, opened in headless Chromium: it renders, turns, and asks nobody for anything."""
+"""The web page, opened in headless Chromium: it draws, turns, fits, and asks nobody for anything."""
 
+import base64
 import io
 import json
+import re
+import zlib
 
 import numpy as np
 import pytest
@@ -10,18 +13,19 @@ from PIL import Image
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.surfaces import JonswapSea
+from meshtrace.surfaces import JonswapSea, SinusoidalSea
+from meshtrace.viz import page as web
+
+LINK = mt.Link(receiver=mt.Receiver(tilt_deg=10.0), bubbles=mt.HallNovarini(wind_speed=5.0))
 
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "scene.html"
-    link = mt.Link(receiver=mt.Receiver(tilt_deg=10.0), bubbles=mt.HallNovarini(wind_speed=5.0))
-    style = viz.SceneStyle(color="elevation", spacing=0.5, off_screen=True)
-    plotter = viz.scene(link, JonswapSea(seed=7), style=style)
-    viz.save_html(plotter, path, title="a <link>")
-    plotter.close()
-    return path
+    coverage = mt.CoverageMap(*2 * [np.linspace(-2.0, 2.0, 5)], *2 * [np.ones((5, 5))], {})
+    return viz.save_html(
+        LINK, JonswapSea(seed=7), path, paths=60, received=5, coverage=coverage, title="a <link>"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +34,11 @@ def browser(page):
         driver.get(page.as_uri())
         until(lambda: colors(driver) > 200, "the page stays empty")
         yield driver
+
+
+def parts_of(path):
+    text = re.search(r'id="data">([^<]*)<', path.read_text("utf-8"))[1]
+    return json.loads(zlib.decompress(base64.b64decode(text)))
 
 
 def picture(driver):
@@ -52,10 +61,34 @@ def drag(driver):
 
 
 @pytest.mark.browser
-def test_it_renders(browser):
-    image = picture(browser).astype(int)
-    sea = (image[..., 2] > image[..., 0] + 30).mean()
-    assert sea > 0.05
+@pytest.mark.parametrize(
+    ("width", "height", "scheme"), [(390, 844, "light"), (768, 1024, "dark"), (1440, 900, "light")]
+)
+def test_it_fits_every_screen(browser, page, width, height, scheme):
+    """The caption once covered the scene of a phone; a page of a blank canvas has few colours."""
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+    media = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
+    try:
+        browser.get(page.as_uri())
+        until(lambda: colors(browser) > 500, "the scene stays empty")
+        overflow, main, about, back = browser.execute_script(
+            """const e = document.documentElement, box = (s) => document.querySelector(s).getBoundingClientRect();
+               return [[e.scrollWidth - e.clientWidth, e.scrollHeight - e.clientHeight],
+                       box("canvas").bottom, box("#about").top, getComputedStyle(document.body).backgroundColor];"""
+        )
+        scene = picture(browser)[80 : int(main)]
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {})
+    assert overflow == [0, 0]
+    assert main > 0.5 * height
+    assert about >= main  # words below the scene, not on it
+    assert (sum(map(int, re.findall(r"\d+", back)[:3])) > 380) == (scheme == "light")
+    levels, counts = np.unique(scene.reshape(-1, 3), axis=0, return_counts=True)
+    assert counts.max() < 0.3 * counts.sum()
+    assert len(levels) > 500
 
 
 @pytest.mark.browser
@@ -72,12 +105,13 @@ def test_it_reacts_to_the_mouse(browser):
 
 @pytest.mark.browser
 def test_it_explains_itself(browser):
-    text = browser.find_element("id", "about").text
+    text = browser.find_element("tag name", "body").text
     for words in (
         "a <link>",
-        "sea surface elevation [m]",
-        "bubbles",
-        "drag to turn",
+        "channel gain 0",
+        "bubbles, 0.0",
+        "unscattered light received",
+        "Drag or arrow keys",
         "JONSWAP sea, wind 5 m/s, seed 7",
     ):
         assert words in text
@@ -92,15 +126,32 @@ def test_it_needs_no_network_and_logs_no_error(browser, page):
         if m["method"] == "Network.requestWillBeSent"
     }
     assert {url for url in asked if not url.startswith(("data:", "blob:"))} == {page.as_uri()}
-    problems = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
-    assert problems == []
+    assert browser.get_log("browser") == []
 
 
-@pytest.mark.thorough
+def test_it_is_small_and_has_the_parts_of_the_scene(page):
+    assert page.stat().st_size < 3_000_000
+    parts = parts_of(page)
+    rays = np.frombuffer(base64.b64decode(parts["rays"]["base64"]), np.float32).reshape(-1, 7)
+    assert 2.0 in rays[:, 6]  # photons that landed elsewhere
+    assert min(rays[:, 6]) < 2.0  # received light
+    assert len(parts["dots"]["base64"]) > 1000
+    assert parts["map"]["n"] == 5
+
+
+def test_large_meshes_are_thinned_and_the_page_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr(web, "_MOST_FACETS", 2_000)
+    mesh = SinusoidalSea(amplitude=0.3, wavelength=6.0).mesh(extent=4.0, spacing=0.2)
+    style = viz.SceneStyle(color="slope", edges=True)
+    path = viz.save_html(None, mesh, tmp_path / "a.html", style=style)
+    faces = np.frombuffer(base64.b64decode(parts_of(path)["faces"]["base64"]), np.uint32)
+    assert len(faces) // 3 <= 2_000 < len(mesh.faces)
+    text = path.read_text("utf-8")
+    assert f"thinned from {len(mesh.faces):,} to {len(faces) // 3:,} facets" in text
+    assert "not in this page: edges of the facets" in text
+    assert "slope of the surface" in text
+
+
 def test_only_pages_are_written(tmp_path):
-    plotter = viz.scene(
-        mt.Link(), JonswapSea(seed=7), style=viz.SceneStyle(spacing=1.0, off_screen=True)
-    )
     with pytest.raises(ValueError, match=r"path: .*allowed: a file name in \.html"):
-        viz.save_html(plotter, tmp_path / "scene.png")
-    plotter.close()
+        viz.save_html(LINK, JonswapSea(seed=7), tmp_path / "scene.png")

@@ -33,6 +33,7 @@ from meshtrace.apps.explorer.scene import COLORS, LiveScene
 from meshtrace.apps.explorer.stages import STAGES, Session
 from meshtrace.errors import Refused, one_line
 from meshtrace.scenario import Scenario
+from meshtrace.viz import live
 
 _ASSETS = Path(__file__).with_name("assets")
 _TEMPLATE = (_ASSETS / "page.html").read_text(encoding="utf-8")
@@ -75,9 +76,9 @@ class Page:
         self.server = get_server(f"meshtrace-{uuid.uuid4().hex}", client_type="vue3")
         self.server.enable_module(
             {
-                "serve": {"__meshtrace": str(_ASSETS)},
-                "scripts": [f"__meshtrace/{name}.js" for name in ("shaders", "scene", "page")],
-                "styles": ["__meshtrace/page.css"],
+                "serve": {"__meshtrace": str(_ASSETS), "__scene": str(live.ASSETS)},
+                "scripts": ["__scene/shaders.js", "__scene/scene.js", "__meshtrace/page.js"],
+                "styles": ["__scene/scene.css", "__meshtrace/page.css"],
                 "vue_use": ["meshtrace"],
             }
         )
@@ -379,8 +380,7 @@ class Page:
     def _show_light(self) -> None:
         """Show those rays and maps that are complete, and refresh the views."""
         self.scene.show_rays(self._shown("rays"))
-        coverage = self._shown("map")
-        self.scene.show_map(coverage, None if coverage is None else readings.map_shades(coverage))
+        self.scene.show_map(self._shown("map"))
         self._push_scene()
         self._refresh_views()
 

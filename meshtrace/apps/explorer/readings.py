@@ -34,7 +34,7 @@ from meshtrace.models import Model, modules_of
 from meshtrace.optics import Water
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.scenario.parts import daylight_recipe, detector_config
-from meshtrace.viz import scenes
+from meshtrace.viz import live, scenes
 
 BER_FLOOR = 1e-15
 """Bit error rate below which a number says nothing about a device."""
@@ -217,23 +217,12 @@ def map_note(session: Session) -> str:
     return str(coverage) if isinstance(coverage, Failed) and session.fresh("map") else ""
 
 
-def map_shades(coverage: CoverageMap) -> Any:
-    """Return the colours (nx, ny, 4) of a map over its peak, translucent if dark."""
-    from matplotlib import colormaps
-
-    share = coverage.gain / max(float(coverage.gain.max()), 1e-300)
-    shades = (255.0 * colormaps["viridis"](share)).astype(np.uint8)
-    # a dark map lets the scene below it through
-    shades[..., 3] = np.rint(255.0 * np.clip(0.1 + 1.2 * share, 0.0, 0.92))
-    return shades
-
-
 def map_image(coverage: CoverageMap) -> dict[str, Any]:
     """Return a map as an image with its limits [m], colour scale and peak."""
     from matplotlib import colormaps
     from PIL import Image
 
-    shades = np.ascontiguousarray(map_shades(coverage)[..., :3].transpose(1, 0, 2)[::-1])
+    shades = np.ascontiguousarray(live.map_shades(coverage)[..., :3].transpose(1, 0, 2)[::-1])
     file = io.BytesIO()
     Image.fromarray(shades).save(file, "PNG")
     half = 0.5 * (coverage.x[1] - coverage.x[0])

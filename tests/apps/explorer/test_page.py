@@ -17,9 +17,9 @@ from browser import chromium, until
 from PIL import Image
 
 import meshtrace as mt
-from meshtrace.apps import explorer
 from meshtrace.apps.explorer import controls, stages
 from meshtrace.scenario import Scenario
+from meshtrace.viz import live
 
 pytestmark = [pytest.mark.browser, pytest.mark.process, pytest.mark.thorough]
 
@@ -148,7 +148,7 @@ def test_the_page_asks_no_other_host_and_logs_no_error(browser, url):
 
 def test_scripts_load_in_any_order(page):
     """The scene was once missing where its shaders arrived after it."""
-    text = Path(explorer.__file__).with_name("assets").joinpath("scene.js").read_text("utf-8")
+    text = (live.ASSETS / "scene.js").read_text("utf-8")
     page.execute_script(
         "const { meshtraceShaders, meshtraceScene } = window; window.meshtraceShaders = undefined;"
         "try { (0, eval)(arguments[0]); } finally { Object.assign(window, "

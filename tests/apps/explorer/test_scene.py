@@ -7,8 +7,9 @@ from scipy.stats import norm
 
 import meshtrace as mt
 from meshtrace.apps.explorer import controls, scenario_of, stages
-from meshtrace.apps.explorer.scene import LiveScene, light_color, segments
+from meshtrace.apps.explorer.scene import LiveScene
 from meshtrace.scenario import Scenario
+from meshtrace.viz.live import light_color, segments
 
 STATE = controls.State(Scenario.from_toml(""))
 

@@ -1,4 +1,4 @@
-// Shaders of the explorer's scene: water, sky and light for each pixel by WebGL 2.
+// Shaders of the scene: water, sky and light for each pixel by WebGL 2.
 (function () {
   "use strict";
   const LAMPS = 4;
@@ -248,7 +248,9 @@
       uniform vec2 pixels;
       uniform float width;
       out float which, off;
+      out vec3 p;
       void main() {
+        p = gl_VertexID > 1 ? end : start;
         vec4 a = camera * vec4(start, 1.0), b = camera * vec4(end, 1.0);
         vec2 along = (b.xy / b.w - a.xy / a.w) * pixels;
         vec2 across = length(along) > 0.0 ? normalize(vec2(-along.y, along.x)) : vec2(0.0);
@@ -260,13 +262,38 @@
       `#version 300 es
       precision highp float;
       in float which, off;
-      uniform vec3 colors[2];
-      uniform float alpha;
+      in vec3 p;
+      uniform vec3 colors[4]; // received light, unscattered and scattered, and two kinds of other photons
+      uniform vec2 middle;
+      uniform float alpha, faint, halfWidth, bottom, top;
       out vec4 shade;
       void main() {
         float a = alpha * (1.0 - smoothstep(0.3, 1.0, abs(off)));
-        shade = vec4((which > 0.5 ? colors[1] : colors[0]) * a, a);
+        if (which > 1.5) { // fades at the sides of the block, beyond which it leads
+          vec2 side = halfWidth - abs(p.xy - middle);
+          a *= faint * smoothstep(0.0, 0.15 * halfWidth, min(min(side.x, side.y), min(p.z - bottom, top - p.z)));
+        }
+        shade = vec4(colors[int(which + 0.5)] * a, a);
       }`],
+    dots: [`#version 300 es
+      in vec3 point;
+      uniform mat4 camera;
+      uniform float size;
+      void main() { gl_Position = camera * vec4(point, 1.0); gl_PointSize = size * (1.0 + float(gl_VertexID % 3)); }`,
+      `#version 300 es
+      precision highp float;
+      out vec4 shade;
+      void main() { float a = 0.5 * (1.0 - smoothstep(0.2, 0.5, length(gl_PointCoord - 0.5))); shade = vec4(a); }`],
+    tinted: [`#version 300 es
+      in vec3 point, normal, tint;
+      uniform mat4 camera;
+      out vec3 n, color;
+      void main() { n = normal; color = tint; gl_Position = camera * vec4(point, 1.0); }`,
+      `#version 300 es
+      precision highp float;
+      in vec3 n, color;
+      out vec4 shade;
+      void main() { shade = vec4(color * (0.7 + 0.3 * abs(dot(normalize(n), vec3(-0.4, -0.5, 0.77)))), 1.0); }`],
     lamp: [`#version 300 es
       uniform mat4 camera;
       uniform vec3 center;

@@ -1,4 +1,4 @@
-// The 3D scene of the explorer: its parts as triangles, its camera, and the component that shows it.
+// A 3D scene: its parts as triangles, its camera, and the component that shows it.
 (function () {
   "use strict";
   const shared = () => window.meshtraceShaders; // scripts load in any order
@@ -176,16 +176,20 @@
       if (parts.stage) m.stage = parts.stage;
       if (parts.sea) {
         if (m.sea) Object.values(m.sea).forEach((b) => this.gl.deleteBuffer(b));
-        m.sea = { points: this.buffer(floats(parts.sea.points)), normals: this.buffer(floats(parts.sea.normals)) };
+        m.sea = { points: this.buffer(floats(parts.sea.points)), normals: this.buffer(floats(parts.sea.normals)),
+          ...(parts.sea.tints && { tints: this.buffer(floats(parts.sea.tints)) }) };
         m.ring = floats(parts.sea.ring);
       }
       if (parts.sea || parts.stage) {
         const sides = [], n = m.ring.length / 3;
-        for (let i = 0; i <= n; i++) {
-          const [x, y, z] = m.ring.subarray(3 * (i % n), 3 * (i % n) + 3);
-          sides.push(x, y, z, 1, x, y, m.stage.bottom, 0); // anticlockwise from outside
+        for (let i = 0; i < n; i++) {
+          const [a, b] = [i, (i + 1) % n].map((k) => [...m.ring.subarray(3 * k, 3 * k + 3)]);
+          const [c, d] = [a, b].map(([x, y]) => [x, y, m.stage.bottom, 0]);
+          for (const corner of [a, c, b, b, c, d]) sides.push(...(corner.length < 4 ? [...corner, 1] : corner)); // anticlockwise from outside
         }
-        m.sides = { buffer: this.buffer(new Float32Array(sides)), n: sides.length / 4 };
+        // the cut through a wave that hangs over comes as triangles
+        const cut = parts.sea?.sides ? floats(parts.sea.sides) : new Float32Array(sides);
+        m.sides = { buffer: this.buffer(cut), n: cut.length / 4 };
       }
       if (parts.look) {
         const l = (m.look = parts.look);
@@ -215,6 +219,7 @@
           return { ...shape({ points, normals }), color };
         });
       }
+      if (parts.dots) m.dots = { buffer: this.buffer(floats(parts.dots)), n: parts.dots.length / 12 };
       if (parts.rays !== undefined) m.rays = { buffer: this.buffer(floats(parts.rays)), n: parts.rays.length / 28 };
       if (parts.map !== undefined) m.map = parts.map && { ...parts.map, image: this.texture(parts.map.bytes, parts.map.n, parts.map.n, false, false) };
       if (parts.time !== undefined) m.time = parts.time;
@@ -277,7 +282,7 @@
         skyScale: [l.sky.scale, 0], sunShare: l.direct, foam: l.foam, steepness: l.steepness, height: l.height,
         waveSize: l.waves.size, waveScale: l.waves.scale, time: m.time ?? 0, index: m.link.index, extinction: m.link.extinction,
         scattering: m.link.scattering, loss: m.link.loss,
-        beam: m.link.color, middle: s.center, halfWidth: s.half, bottom: s.bottom, lamps: Math.min(lamps.length, shared().LAMPS),
+        beam: m.link.color, middle: s.center, halfWidth: s.half, bottom: s.bottom, top: s.top, lamps: Math.min(lamps.length, shared().LAMPS),
         place: pad("place"), axis: pad("axis"), shape: pad("shape"), plane: m.link.plane, norm: m.link.norm, pixels: [w, h],
       };
       gl.viewport(x, y, w, h);
@@ -291,7 +296,7 @@
       gl.drawArrays(gl.TRIANGLE_STRIP, 0, 3);
       gl.enable(gl.CULL_FACE);
       this.bind(this.use("block", all), [["corner", m.sides.buffer, 4, 0, 0]]);
-      gl.drawArrays(gl.TRIANGLE_STRIP, 0, m.sides.n);
+      gl.drawArrays(gl.TRIANGLES, 0, m.sides.n);
       gl.disable(gl.CULL_FACE);
       gl.enable(gl.DEPTH_TEST);
       const sea = [["point", m.sea.points, 3, 0, 0], ["normal", m.sea.normals, 3, 0, 0]];
@@ -299,7 +304,8 @@
         gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, m.faces.buffer);
         gl.drawElements(gl.TRIANGLES, m.faces.n, gl.UNSIGNED_INT, 0);
       };
-      this.bind(this.use("sea", all), sea);
+      if (m.sea.tints) this.bind(this.use("tinted", all), [...sea, ["tint", m.sea.tints, 3, 0, 0]]);
+      else this.bind(this.use("sea", all), sea);
       facets();
       gl.enable(gl.BLEND);
       gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
@@ -311,7 +317,11 @@
       solid(m.uav, [0.55, 0.58, 0.61, 1], 1);
       gl.depthMask(false);
       solid(m.rotors, [0.75, 0.8, 0.85, 0.12], 0);
-      if (m.link.norm > 0 && !m.map) {
+      if (m.dots?.n) {
+        this.bind(this.use("dots", { ...all, size: ratio }), [["point", m.dots.buffer, 3, 0, 0]]);
+        gl.drawArrays(gl.POINTS, 0, m.dots.n);
+      }
+      if (m.link.norm > 0 && !m.map && !m.sea.tints) {
         const [lamp] = lamps, first = (v) => [...v, ...Array(4 * (shared().LAMPS - 1)).fill(0)];
         const own = { place: first([...lamp.at, lamp.place[3]]), axis: first(lamp.own.axis), shape: first(lamp.own.shape) };
         this.bind(this.use("focus", { ...all, ...own }), sea);
@@ -326,7 +336,7 @@
       solid(m.view, [...m.link.colors.receiver, 0.085], 0, Math.sign(m.link.plane));
       if (m.rays?.n) {
         const at = [["start", m.rays.buffer, 3, 28, 0], ["end", m.rays.buffer, 3, 28, 12], ["kind", m.rays.buffer, 1, 28, 24]];
-        const ink = { ...all, colors: [...m.link.colors.unscattered, ...m.link.colors.scattered], width: 1.2 * ratio, alpha: 0.4 };
+        const ink = { ...all, colors: m.link.colors.rays.flat(), width: 1.2 * ratio, alpha: 0.4, faint: 0.25 };
         this.bind(this.use("line", ink), at, 1);
         gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, m.rays.n);
       }
