@@ -151,18 +151,22 @@ def _array(value: Any, name: str, shape: str, least: int, dtype: Any = float) ->
     return array
 
 
-def _facet_geometry(
-    vertices: NDArray[np.float64], faces: NDArray[Any]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]:
-    """Return unit normals (m, 3) and twice the areas (m,) of facets, bounds, and steepest slope.
+class _Facets(NamedTuple):
+    """Geometry of the facets of a mesh, computed in one pass."""
 
-    The bounds (2, 3) are the lowest and highest coordinates [m]. One pass computes all.
-    """
-    from meshtrace.kernels.scene import facet_normals
+    normals: NDArray[np.float64]  # (m, 3) unit
+    double_areas: NDArray[np.float64]  # (m,) twice the areas [m2]
+    bounds: NDArray[np.float64]  # (2, 3) lowest and highest coordinates [m]
+    max_slope: float  # of the steepest facet
 
-    normals, double_areas = np.empty((len(faces), 3)), np.empty(len(faces))
-    low, high, squared_slope = facet_normals(vertices, faces, normals, double_areas)
-    return normals, double_areas, np.array([low, high]), math.sqrt(squared_slope)
+    @classmethod
+    def from_arrays(cls, vertices: NDArray[np.float64], faces: NDArray[Any]) -> _Facets:
+        """Return the geometry of vertices (n, 3) [m] and faces (m, 3)."""
+        from meshtrace.kernels.scene import facet_normals
+
+        normals, double_areas = np.empty((len(faces), 3)), np.empty(len(faces))
+        low, high, squared_slope = facet_normals(vertices, faces, normals, double_areas)
+        return cls(normals, double_areas, np.array([low, high]), math.sqrt(squared_slope))
 
 
 @check_call
@@ -195,7 +199,7 @@ def vertex_normals(
     """
     faces = _array(faces, "faces", "(m, 3), m >= 1", 1, np.int64)
     require_range(faces, 0, len(vertices) - 1, "faces")
-    (units, double_areas, *_), corner = _facet_geometry(vertices, faces), vertices[faces]
+    (units, double_areas, *_), corner = _Facets.from_arrays(vertices, faces), vertices[faces]
     # normals times twice the areas; the normal of a facet without area is nan, and its weight 0
     cross = np.where(double_areas > 0.0, units.T * double_areas, 0.0).T
     normals = np.zeros_like(vertices)
@@ -287,16 +291,13 @@ class TriangleMesh:
         object.__setattr__(self, "vertex_normals", normals)
 
     @cached_property
-    def _geometry(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-        """Normals of the facets, bounds and steepest slope."""
-        normals, _, bounds, slope = _facet_geometry(self.vertices, self.faces)
-        return normals, bounds, slope
+    def _facets(self) -> _Facets:
+        return _Facets.from_arrays(self.vertices, self.faces)
 
     @property
     def face_normals(self) -> NDArray[np.float64]:
         """Unit normals of the facets, shape (m, 3), pointing to the air."""
-        normals, *_ = self._geometry
-        return normals
+        return self._facets.normals
 
     @cached_property
     def facing_down(self) -> int:
@@ -311,8 +312,7 @@ class TriangleMesh:
     @cached_property
     def bounds(self) -> NDArray[np.float64]:
         """Lowest and highest coordinates [m], shape (2, 3)."""
-        _, bounds, _ = self._geometry
-        return bounds
+        return self._facets.bounds
 
     @property
     def max_slope(self) -> float:
@@ -320,8 +320,7 @@ class TriangleMesh:
 
         Infinite if a facet stands upright or hangs over.
         """
-        *_, slope = self._geometry
-        return slope if self.single_valued else math.inf
+        return self._facets.max_slope if self.single_valued else math.inf
 
     @cached_property
     def sha256(self) -> str:
