@@ -340,7 +340,7 @@ def _converter(kind: Any) -> _Check | None:
 
 
 class _Limits(NamedTuple):
-    """What the annotation of a parameter requires of its numbers."""
+    """Requirements of an annotation on the numbers of a parameter."""
 
     name: str  # of the parameter
     bounds: Mapping[str, Any] = MappingProxyType({})  # by the names of pydantic's constraints

@@ -17,29 +17,13 @@ from functools import cache, reduce
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
-from typing import (
-    TYPE_CHECKING,
-    Any,
-    ClassVar,
-    Self,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.checks import check_call, check_methods
-from meshtrace.errors import (
-    LARGEST,
-    MISSING,
-    Described,
-    Refused,
-    one_line,
-    require_writable,
-    show,
-)
+from meshtrace.errors import LARGEST, MISSING, Described, Refused, one_line, require_writable, show
 from meshtrace.fields import attrs
 from meshtrace.files import atomic
 from meshtrace.netcdf import opened, reading

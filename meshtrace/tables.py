@@ -8,8 +8,9 @@ without headings are read in the declared order.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import StringIO
+from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -394,6 +395,17 @@ def _bracketed(line: str, separator: str) -> list[str]:
         return split(line, separator)
     word, unit = r"[^\s\[\](){}]+(?:\([^()\s]*\))?", r"\[[^\[\]]*\]|\((?:[^()]|\([^()]*\))*\)"
     return re.findall(rf"{word}\s*(?:{unit})|{word}|\S+", line)
+
+
+def with_file(data: Any, read: Callable[[Any], dict[str, Any]]) -> Any:
+    """Return plain data of a model with what `read` returns of the text file of its key `file`."""
+    if not (isinstance(data, Mapping) and "file" in data):
+        return data
+    fields = dict(data)
+    path = fields.pop("file")
+    if not isinstance(path, str | PathLike):
+        raise Refused("file", path, "the path of a text file")
+    return read(path) | fields
 
 
 def text_table(lines: Iterable[Sequence[str]], headings: Sequence[str] = ()) -> str:

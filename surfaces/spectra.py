@@ -22,7 +22,7 @@ from pydantic import model_validator
 from meshtrace.checks import check_call
 from meshtrace.errors import MISSING, Described, Refused
 from meshtrace.models import Family, NonNegative
-from meshtrace.tables import Column, Heading, read_columns
+from meshtrace.tables import Column, Heading, read_columns, with_file
 from meshtrace.units import convert, cycles
 
 from .parameters import (
@@ -741,12 +741,8 @@ class TabulatedSpectrum(Spectrum, frozen=True):
     def _from_table(cls, data: Any) -> Any:
         if isinstance(data, Mapping) and not {"omega", "file"} & data.keys():
             raise Refused("omega", MISSING, "frequencies [rad s-1] beside density, or file")
-        if isinstance(data, Mapping) and "file" in data:
-            fields = {key: value for key, value in data.items() if key != "file"}
-            if not isinstance(data["file"], str | PathLike):
-                raise Refused("file", data["file"], "the path of a text file")
-            return cls.from_file(data["file"]).model_dump(include={"omega", "density"}) | fields
-        return data
+        columns = {"omega", "density"}
+        return with_file(data, lambda path: cls.from_file(path).model_dump(include=columns))
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -767,8 +763,6 @@ class TabulatedSpectrum(Spectrum, frozen=True):
         [m2 Hz-1], as the headings say by their units or, without units, by names such as "omega"
         and "f".
         """
-        if not isinstance(path, str | PathLike):
-            raise Refused("file", path, "the path of a text file")
         table = read_columns(path, _COLUMNS)
         density, heading = table["density"]
         usual = _unit_of_density(str(path), table["omega"].heading, heading)

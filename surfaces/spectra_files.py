@@ -37,7 +37,7 @@ _MOST_TEXT = 2**28  # [B] of an uncompressed file of text
 
 
 class _Format(NamedTuple):
-    """What the reader of wavespectra takes for granted in the netCDF files of a model."""
+    """Units and conventions that a reader of wavespectra assumes in the netCDF files of a model."""
 
     units: dict[str, str]
     direction: str = ""

@@ -175,7 +175,7 @@ def _unscattered(
     Light starts at the centres of the sources. `slopes` are the random ones, `physics` their use
     (`Physics.unresolved`). Random slopes too narrow to be integrated over are left out.
     """
-    mesh = mesh_of_sheet(*sheet, slopes)
+    mesh = mesh_of_sheet(sheet[0], sheet[1], slopes)
     aimed = AimedChains(link, mesh, normals, physics)
     gains = np.zeros((len(link.emitters), len(link.targets)))
     for e, t in link.pairs:

@@ -168,7 +168,9 @@ def fit_gamma_gamma(
     """
     from meshtrace.fading.laws import likeliest_gamma_gamma
 
-    return likeliest_gamma_gamma(_fit_sample(gain, gain_stderr), n_effective)
+    g = _fit_sample(gain, gain_stderr)
+    parameters, n_free, log_likelihood, note = likeliest_gamma_gamma(g, n_effective)
+    return DistributionFit("gamma-gamma", parameters, g.size, n_free, log_likelihood, note)
 
 
 @check_call

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import interpolate, optimize, special, stats
 
-from meshtrace.fading.fits import DistributionFit
 from meshtrace.models import Floats
 
 # Least n ln(1 + SI) at which the shapes can be separated. With sigma^2 = ln(1 + SI) the skewness of
@@ -72,14 +71,16 @@ class GammaGamma(stats.rv_continuous):
 
     def fit(self, data: ArrayLike, *args: Any, **kwds: Any) -> tuple[float, float, float, float]:
         """Return the maximum-likelihood (alpha, beta, 0, mean); see `likeliest_gamma_gamma`."""
-        best = likeliest_gamma_gamma(np.asarray(data, dtype=np.float64)).parameters
+        best, *_ = likeliest_gamma_gamma(np.asarray(data, dtype=np.float64))
         return best["alpha"], best["beta"], 0.0, best["mean"]
 
 
 gamma_gamma = GammaGamma(a=0.0, name="gamma_gamma", shapes="alpha, beta")
 
 
-def likeliest_gamma_gamma(gain: Floats, n_effective: float | None = None) -> DistributionFit:
+def likeliest_gamma_gamma(
+    gain: Floats, n_effective: float | None = None
+) -> tuple[dict[str, float], int, float, str]:
     """Maximise the gamma-gamma likelihood of positive gains, with their moments as first guess.
 
     Parameters
@@ -89,6 +90,17 @@ def likeliest_gamma_gamma(gain: Floats, n_effective: float | None = None) -> Dis
     n_effective : float, optional
         Number of independent samples, by default n; alpha = beta is fitted if the shapes are not
         identifiable.
+
+    Returns
+    -------
+    parameters : dict
+        ``alpha``, ``beta`` and ``mean``.
+    n_free : int
+        Number of free parameters.
+    log_likelihood : float
+        Maximum of ln(likelihood).
+    note : str
+        Remark on the fit, empty if there is none.
 
     Notes
     -----
@@ -132,8 +144,7 @@ def likeliest_gamma_gamma(gain: Floats, n_effective: float | None = None) -> Dis
     # the density of the gain is that of h = gain / mean, divided by the mean gain
     log_likelihood = -float(best.fun) * log_h.size - gain.size * math.log(gain.mean())
     parameters = {"alpha": alpha, "beta": beta, "mean": mean}
-    n_free = 3 if free else 2
-    return DistributionFit("gamma-gamma", parameters, gain.size, n_free, log_likelihood, note)
+    return parameters, 3 if free else 2, log_likelihood, note
 
 
 def _law_by_law(

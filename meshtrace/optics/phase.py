@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -26,7 +26,7 @@ from meshtrace.models import Family, FamilyTuple, Floats, Numbers
 from meshtrace.optics.power_laws import Segments, power_law_segments
 from meshtrace.optics.pure_water import read_table
 from meshtrace.quadrature import gauss_legendre
-from meshtrace.tables import Column, read_columns
+from meshtrace.tables import Column, read_columns, with_file
 from meshtrace.units import is_convertible
 
 # Largest error of a sampler's CDF. Tuned: it trades the size of the tables for accuracy.
@@ -293,12 +293,7 @@ class TabulatedPhase(BuiltInPhase, frozen=True):
     @pydantic.model_validator(mode="before")
     @classmethod
     def _from_table(cls, data: Any) -> Any:
-        if isinstance(data, Mapping) and "file" in data:
-            fields = {key: value for key, value in data.items() if key != "file"}
-            if not isinstance(data["file"], str | Path):
-                raise Refused("file", data["file"], "the path of a text file")
-            return dict(cls.from_file(data["file"])) | fields
-        return data
+        return with_file(data, lambda path: dict(cls.from_file(path)))
 
     @pydantic.model_validator(mode="after")
     def _check(self) -> Self:

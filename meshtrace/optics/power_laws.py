@@ -31,15 +31,9 @@ class Segments(NamedTuple):
         return pieces._replace(mass=mass / mass.sum())
 
     @property
-    def log_ratio(self) -> Floats:
-        """Logarithm of s_lo / s_hi."""
-        with np.errstate(divide="ignore"):
-            return np.log(self.s_lo / self.s_hi)
-
-    @property
     def _integral(self) -> Floats:
         """Integral of x^(p - 1) over a piece, where x = s / s_hi."""
-        return power_integral(self.p, self.log_ratio)
+        return power_integral(self.p, self.s_lo / self.s_hi)
 
     def pdf(self, s: Floats) -> Floats:
         """Return the phase function [1/sr] at s."""
@@ -53,8 +47,7 @@ class Segments(NamedTuple):
     def cdf(self, s: Floats) -> Floats:
         """Return the probability of scattering to s or less."""
         i = self._index(s)
-        with np.errstate(divide="ignore"):
-            above = power_integral(self.p[i], np.log(s / self.s_hi[i]))
+        above = power_integral(self.p[i], s / self.s_hi[i])
         # fraction of the piece's mass between s and s_hi
         fraction = above / self._integral[i]
         return np.cumsum(self.mass)[i] - fraction * self.mass[i]
@@ -72,7 +65,7 @@ class Segments(NamedTuple):
 
     def mean(self) -> float:
         """Return the mean of s."""
-        first_moment = power_integral(self.p + 1.0, self.log_ratio)
+        first_moment = power_integral(self.p + 1.0, self.s_lo / self.s_hi)
         return float(np.sum(self.mass * self.s_hi * first_moment / self._integral))
 
     def _index(self, s: Floats) -> NDArray[np.intp]:
@@ -80,9 +73,10 @@ class Segments(NamedTuple):
         return np.minimum(np.searchsorted(self.s_hi, s, side="left"), len(self.s_hi) - 1)
 
 
-def power_integral(p: Floats, log_ratio: Floats) -> Floats:
-    """Integrate x^(p - 1) from exp(log_ratio) to 1."""
+def power_integral(p: Floats, ratio: Floats) -> Floats:
+    """Integrate x^(p - 1) from `ratio` >= 0 to 1."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        log_ratio = np.log(ratio)
         return np.where(p == 0.0, -log_ratio, -np.expm1(p * log_ratio) / p)
 
 

@@ -130,7 +130,7 @@ class AimedChains:
         self._serve(link)
         self.nodes: dict[tuple[int, int], Nodes] = {}  # of the aperture, by source and receiver
         # largest height of the waves above or below the mean level
-        self._waves = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
+        self._wave_height = max(abs(float(self.surface.low[2])), abs(float(self.surface.high[2])))
 
     def _serve(self, link: ForcedLink) -> None:
         """Set link, water and bins; empty counters."""
@@ -194,7 +194,7 @@ class AimedChains:
         # sides of the surface do for all light from the air
         lamp, receiver = (target, emitter) if link.down else (emitter, target)
         surface, facets = self._mirrored
-        n, source = forwards.medium, forwards.emitters[lamp]
+        medium, source = forwards.medium, forwards.emitters[lamp]
         if at is not None and not link.down:
             source = source._replace(position=at._replace(z=-at.z))
         return scene._replace(
@@ -202,7 +202,7 @@ class AimedChains:
             target=forwards.targets[receiver],
             surface=surface,
             facets=facets,
-            medium=self.medium._replace(n_water=n.n_water, n_air=n.n_air),
+            medium=self.medium._replace(n_water=medium.n_water, n_air=medium.n_air),
             mirrored=True,
         )
 
@@ -525,11 +525,11 @@ class AimedChains:
             # the kernel bounds the image in a mirror where it knows the direction of the light;
             # a plane mirror maps triangles to triangles
             return 0.0, 0.0, 0.0
-        height = target.center[2] + self._waves
+        height = target.center[2] + self._wave_height
         # bounds hold from the deepest trough to the highest crest
-        depth = max(-source.position[2] - self._waves, 0.1)
+        depth = max(-source.position[2] - self._wave_height, 0.1)
         aside = math.dist(target.center[:2], source.position[:2]) + target.radius
-        flattest = aside / math.hypot(aside, max(target.center[2] - self._waves, 1e-6))
+        flattest = aside / math.hypot(aside, max(target.center[2] - self._wave_height, 1e-6))
         # waves turn light flatter than a flat sea: 78 degrees (sine 0.98) at least, within the view
         sin_t = min(target.sin_widest, max(0.98, flattest) * min(n, 1.0))
         cos_t, cos_i = math.sqrt(1.0 - sin_t**2), math.sqrt(1.0 - (sin_t / n) ** 2)
