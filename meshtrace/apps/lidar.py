@@ -248,7 +248,7 @@ def lidar(
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> LidarResult:
-    r"""Compute the waveform of a lidar over many seas, and the depths that it tells.
+    r"""Compute the waveform of a lidar over many seas, and read depths from it.
 
     Parameters
     ----------
