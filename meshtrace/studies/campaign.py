@@ -549,7 +549,7 @@ def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh)
 
 
 def _widest(steps: Steps, links: list[Link]) -> Sequence[Link] | None:
-    """Return the links whose mesh covers all times; None if each surface needs a mesh of its own.
+    """Return the links whose mesh covers all times; None if each surface needs a new mesh.
 
     Ends that only tilt share one mesh, ends that move aside do not.
     """
@@ -635,7 +635,7 @@ def campaign_of(
 
 
 def case_options(run: StudyOptions) -> dict[str, Any]:
-    """Return the options of a study without those of its loop; refuse unknown ones."""
+    """Return the options of a single run among those of a study; refuse unknown ones."""
     require_options(run, StudyOptions)
     return {
         name: value

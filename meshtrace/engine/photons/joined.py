@@ -227,7 +227,7 @@ class JoinedPhotons:
 
     @property
     def _same_side(self) -> SameSide | None:
-        """What photons need of ends on one side, None for those of a link that changes sides."""
+        """Side of both ends, None for a link that crosses the surface."""
         return (
             SameSide(self.link.direction == "under") if self.link.direction in SAME_SIDE else None
         )
