@@ -462,7 +462,7 @@ class _Mapped(Restored):
         return probe.cost(factor * [sums.chains for sums in tiles]) < budget
 
     def _trusts(self, chains: CellChains, tiles: list[TileSums], sums: list[PhotonSums]) -> bool:
-        """Return whether the gains by chains agree with photons in all cells and omit little light."""
+        """Return whether chains light all cells as photons do, and omit little."""
         assert self._image is not None
         # the first photons follow light on all its ways, without bias: they judge the chains
         gain, stderr = (values[:, :, 0] for values in self._mixed(sums))
