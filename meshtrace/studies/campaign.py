@@ -533,15 +533,9 @@ def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh)
     for i, link in enumerate(links):
         for shift in range(SHIFTS):
             first = run.estimator.first_photon + shift * photons
-            sums = run_analog(
-                link,
-                intersector,
-                run.estimator.replace(first_photon=first),
-                photons=photons,
-                seed=run.seed,
-                normals=campaign.meshing.normals,
-                record=record,
-            )
+            options = run.estimator.replace(first_photon=first)
+            sums = run_analog(link, intersector, options, photons=photons, seed=run.seed,
+                              normals=campaign.meshing.normals, record=record)  # fmt: skip
             total = sums.score[: len(link.receivers)] / photons
             pairs = [groups_by_lamp(sums, run.seed, link).mean(axis=-1).ravel()] if record else []
             gains[i, :, shift] = np.concatenate([total, *pairs])
