@@ -1,4 +1,4 @@
-"""Candidates of an optimisation: objectives, and common seas, hover errors, tilts and chains."""
+"""Evaluate the candidates of an optimisation over common seas, hover errors, tilts and chains."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class Goal:
         return -cost if self.objective == "range" else self._rates.value(-cost)
 
     def error(self, cost: float, stderr: float) -> float:
-        """Convert the standard error of the cost to that of the quantity; nan for an outage."""
+        """Return the standard error of the quantity from that of the cost; nan for an outage."""
         if self.objective == "outage":
             return math.nan
         if callable(self.objective) or self.objective == "range":
@@ -154,7 +154,7 @@ again."""
 
 
 def _by_edge(arrivals: Light, half_deg: float) -> NDArray[np.bool_]:
-    """Return a mask of light through facets at the edge of the view; empty if negligible."""
+    """Return a mask of arrivals at the edge of the field of view, all False if negligible."""
     off = np.abs(arrivals.angle - math.radians(half_deg))
     near_edge = (arrivals.facet >= 0) & (off < _EDGE)
     return near_edge & (arrivals.weight[near_edge].sum() > _SMALL * arrivals.weight.sum())

@@ -302,7 +302,7 @@ class SunRay:
 
 
 class Collector:
-    """Disk whose irradiance is computed, and a square patch of places for it; checks the patch.
+    """Disk whose irradiance is computed, at one place or at each of a square patch.
 
     Parameters
     ----------

@@ -248,7 +248,7 @@ def lidar(
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> LidarResult:
-    r"""Compute the waveform of a lidar over many seas, and the depths that it tells.
+    r"""Compute the waveform of a lidar over many seas, and read depths from it.
 
     Parameters
     ----------
@@ -317,7 +317,7 @@ def lidar(
     before = math.ceil(_MARGIN * pulse_width / bin_width)
     after = math.ceil((per_depth * bottom + _MARGIN * pulse_width) / bin_width)
     edges: Floats = bin_width * np.arange(-before, after + 1, dtype=float)
-    waveforms, depths = [], []
+    waveforms, depths = list[Floats](), list[list[float]]()
     # a surface without random phases is the same every time
     n_seas = seas if isinstance(sea, SeededSurface) else 1
     runs = (_echo_of_sea(case, sea, i, n_seas > 1) for i in range(n_seas))

@@ -61,7 +61,7 @@ def surface(name: str) -> SurfaceModel:
 
 
 def link(variant: str) -> Link:
-    """Return the link of a case: its part behind the slash, such as "r5cm"."""
+    """Return the link of a case by the part of its name behind the slash, such as "r5cm"."""
     inputs = reference()["variants"][variant]
     receiver = Receiver(
         position=(inputs["x"], 0.0), radius=inputs["radius"], fov_deg=inputs["fov_deg"]

@@ -54,7 +54,7 @@ class _Commands(TyperGroup):
 
 
 class _Command(TyperCommand):
-    """A command whose refusals name the option in place of the argument behind it."""
+    """Command whose refusals name the option, not the argument behind it."""
 
     def invoke(self, context: Any) -> Any:
         try:

@@ -33,7 +33,7 @@ def parse_numbers(text: str) -> list[float]:
 
 
 def parse_integer(text: str) -> int:
-    """Parse an integer, which may be in scientific notation, such as 1e6."""
+    """Parse an integer, also in scientific notation such as 1e6."""
     # first as an integer: a float has no more than 53 bits
     with suppress(ValueError):
         return int(text)

@@ -554,15 +554,9 @@ def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh)
     for i, link in enumerate(links):
         for shift in range(SHIFTS):
             first = run.estimator.first_photon + shift * photons
-            sums = run_analog(
-                link,
-                intersector,
-                run.estimator.replace(first_photon=first),
-                photons=photons,
-                seed=run.seed,
-                normals=campaign.meshing.normals,
-                record=record,
-            )
+            options = run.estimator.replace(first_photon=first)
+            sums = run_analog(link, intersector, options, photons=photons, seed=run.seed,
+                              normals=campaign.meshing.normals, record=record)  # fmt: skip
             total = sums.score[: len(link.receivers)] / photons
             columns = [total]
             if campaign.per_lamp:
@@ -576,7 +570,7 @@ def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh)
 
 
 def _widest(steps: Steps, links: list[Link]) -> Sequence[Link] | None:
-    """Return the links whose mesh covers all times; None if each surface needs a mesh of its own.
+    """Return the links whose mesh covers all times; None if each surface needs a new mesh.
 
     Ends that only tilt share one mesh, ends that move aside do not.
     """
@@ -662,7 +656,7 @@ def campaign_of(
 
 
 def case_options(run: StudyOptions) -> dict[str, Any]:
-    """Return the options of a study without those of its loop; refuse unknown ones."""
+    """Return the options of a single run among those of a study; refuse unknown ones."""
     require_options(run, StudyOptions)
     return {
         name: value

@@ -169,7 +169,7 @@ def wave_sizes(sea: Surface, highest: float | None = None) -> WaveSizes:
 
 
 def _beyond(link: Link, sea: Surface, spacing: float) -> tuple[Floats, float]:
-    """Return the slope variances along and across the wind that tilt, and its direction [rad]."""
+    """Return variances of random slopes along and across the wind, and the wind direction [rad]."""
     slopes = sea.unresolved_slopes(spacing) if link.physics.unresolved == "tilt" else None
     if slopes is None:
         return np.zeros(2), 0.0

@@ -115,16 +115,10 @@ class Comparison(Stored, kind="comparison", title="meshtrace comparison of links
             # delta method: h_0 cancels what both gains share
             relative = error(ratio) / gain
             ratio_db = 10.0 * np.log10(ratio)
-        return cls(
-            names,
-            gain,
-            error(np.zeros_like(gain)),
-            gain - gain[0],
-            error(np.ones_like(gain)),
-            ratio_db,
-            _DECIBEL * relative,
-            provenance,
-        )
+        stderr, stderr_difference = error(np.zeros_like(gain)), error(np.ones_like(gain))
+        difference, ratio_stderr = gain - gain[0], _DECIBEL * relative
+        return cls(names, gain, stderr, difference, stderr_difference, ratio_db, ratio_stderr,
+                   provenance)  # fmt: skip
 
     @property
     def lights(self) -> tuple[str, ...]:

@@ -462,7 +462,7 @@ class _Mapped(Restored):
         return probe.cost(factor * [sums.chains for sums in tiles]) < budget
 
     def _trusts(self, chains: CellChains, tiles: list[TileSums], sums: list[PhotonSums]) -> bool:
-        """Return whether chains bring light to all cells, as much as photons, and omit little."""
+        """Return whether chains light all cells as photons do, and omit little."""
         assert self._image is not None
         # the first photons follow light on all its ways, without bias: they judge the chains
         gain, stderr = (values[:, :, 0] for values in self._mixed(sums))
@@ -594,7 +594,7 @@ class _Mapped(Restored):
         return self._image + gain, np.hypot(np.hypot(stderr, typical), self._image_error)
 
     def _bound(self, link: Link, gain: Floats, stderr: Floats, photons: int) -> Floats | None:
-        """Return upper bounds of dark cells, 95 % confidence, nan elsewhere; None if all are lit.
+        """Return upper bounds of dark cells at 95 % confidence, nan elsewhere; None without any.
 
         No photon scores more than its largest weight w times the aperture over the cell; with
         mean m and standard error s the bound is m + 2 s + 3 w / n (rule of three). A photon of a

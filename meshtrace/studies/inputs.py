@@ -44,11 +44,11 @@ class Input(NamedTuple):
     record: str
 
     def of_month(self, month: int) -> Floats:
-        """Return the values of a month; those of the year serve all."""
+        """Return the values of a month, or those of the year if there are none by month."""
         return self.values[month % len(self.values)]
 
     def quantile(self, shares: Any) -> Any:
-        """Return quantiles over the year, whose months count alike."""
+        """Return quantiles over the year, with months of equal weight."""
         each = [np.quantile(v, np.linspace(0.0, 1.0, _QUANTILES)) for v in self.values]
         return np.quantile(np.concatenate(each), shares)
 
@@ -86,7 +86,7 @@ class Axis(NamedTuple):
 
 
 def read_inputs(inputs: Mapping[str, Any] | str | Path) -> list[Input]:
-    """Return the inputs of a table by key, or of a TOML file of such tables.
+    """Read uncertain inputs from tables by key, or from a TOML file of such tables.
 
     Paths inside a file are relative to its folder.
 

@@ -334,12 +334,12 @@ def _index(name: str, values: tuple[float, ...], wanted: float | None) -> int:
 
 
 def _at(depth: float) -> str:
-    """Return " at 5 m"; nothing for a link without a depth of its own, see `Link.depth`."""
+    """Return " at 5 m", or "" for a link without a single depth, see `Link.depth`."""
     return "" if math.isnan(depth) else f" at {depth:g} m"
 
 
 def _named(depth: float) -> str:
-    """Return "5 m: ", which begins a line about a depth; nothing as for `_at`."""
+    """Return "5 m: " to begin a line, or "" as for `_at`."""
     return "" if math.isnan(depth) else f"{depth:g} m: "
 
 

@@ -36,7 +36,7 @@ _SYNCHRONIZED = 1.0  # [s] of finished items that a power failure may lose
 
 
 class Item(NamedTuple):
-    """Numbers of a finished item, and its text, such as an error."""
+    """Numbers of a finished step, and a text such as an error."""
 
     numbers: Floats
     text: str = ""

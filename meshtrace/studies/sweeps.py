@@ -329,17 +329,13 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
         "seconds": (dims, numbers[..., -1], {"units": "s"}),
         "error": (dims, error.astype(str)),
     }
+    # a dimension that the user did not ask for has the size 1, and is dropped
+    asked = bool(wavelengths), identity["listed"]
+    selection = tuple(slice(None) if keep else 0 for keep in asked)
+    along = (*dims, *itertools.compress(("wavelength", "receiver"), asked))
     for i, name in enumerate(names):
         light_attrs = {"light": identity["light"]} if name == "ber" else {}
-        # a dimension that the user did not ask for has the size 1, and is dropped
-        asked = bool(wavelengths), identity["listed"]
-        selection = tuple(slice(None) if keep else 0 for keep in asked)
-        along = (*dims, *itertools.compress(("wavelength", "receiver"), asked))
-        variables[name] = (
-            along,
-            measured[..., i, :, :][(..., *selection)],
-            attrs(name) | light_attrs,
-        )
+        variables[name] = along, measured[(..., i, *selection)], attrs(name) | light_attrs
     # units and names of the keys that the catalogue of fields has
     known = {key: attrs(key.rpartition(".")[2]) for key in dims if key.rpartition(".")[2] in FIELDS}
     labelled = {key: (key, values, known.get(key, {})) for key, values in coordinates.items()}

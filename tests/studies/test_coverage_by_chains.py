@@ -41,7 +41,7 @@ def chains_of(link, seed=1, step=STEP, extent=HALF, **options):
 
 
 @pytest.mark.thorough
-@pytest.mark.slow_but("default", "two lamps")
+@pytest.mark.slow_but("two lamps")  # the default link is in the map below
 @pytest.mark.parametrize("name", LINKS)
 def test_tiles_have_the_scattered_light_of_photons(name):
     """Chi-square over the tiles; cells of a tile are added up with errors that add, too."""

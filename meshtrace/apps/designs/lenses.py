@@ -1,4 +1,4 @@
-"""Two lenses in place of one: what is left of the fading, against their distance."""
+"""Diversity gain of two lenses in place of one, by their distance."""
 
 from __future__ import annotations
 

@@ -262,7 +262,7 @@ class LinkModel:
         return all_together - first if math.isfinite(first) else 0.0
 
     def two_lenses(self) -> tuple[TwoLenses, ...]:
-        """Return what a second lens would gain by diversity, against its distance."""
+        """Return the diversity gain of a second lens, by its distance."""
         gains = self.fades.series.gain
         logs = np.log(gains[gains > 0.0])
         spread = float(logs.std(ddof=1)) if logs.size > 1 else 0.0

@@ -375,7 +375,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
         return [text_table(_by_key(self.reach, cell), ("key", "given", *PERIODS)), *notes]
 
     def _lenses_lines(self) -> list[str]:
-        """Return what a second lens gains along and across the wind, by the distance."""
+        """Format the diversity gain along and across the wind, by the distance of the lenses."""
         by_direction: dict[str, list[TwoLenses]] = {}
         for lens in self.two_lenses:
             by_direction.setdefault(lens.direction, []).append(lens)

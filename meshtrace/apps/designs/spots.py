@@ -1,4 +1,4 @@
-"""Which spot, which latency: wander of a tracked beam by the width of its spot on the sea."""
+"""Wander of a tracked beam, by the width of its spot on the sea and the latency."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _spot(link: Link, sea: Any, pair: tuple[float, float]) -> TrackedSpot:
 
 
 def spot_lines(spots: Sequence[TrackedSpot], outage: float) -> list[str]:
-    """Return the tables of the wander and the outage by spot and latency, and what they say."""
+    """Format wander and outage by spot and latency as tables, with a conclusion."""
     camera = {spot.radius: spot for spot in spots if spot.latency == _CAMERA}
     narrow, wide = camera[0.005], camera[0.02]
     texts = [

@@ -203,7 +203,7 @@ def tracked_loss(
     row: MeasuredRow, photons: float, latency: float, slope: float, untracked_percent: float,
     radius: float,
 ) -> float:  # fmt: skip
-    """Return the packet loss of a held beam [%], from that of a fixed one and its residual.
+    """Return the packet loss of a tracked beam [%] from its residual and the loss of a fixed one.
 
     The spot of a round Gaussian law is off by more than R with P = exp(-R^2 / (2 sigma^2)): a share
     of the variance that is left raises the loss without tracking to the power of its inverse.

@@ -230,10 +230,9 @@ class JoinedPhotons:
 
     @property
     def _same_side(self) -> SameSide | None:
-        """What photons need of ends on one side, None for those of a link that changes sides."""
-        return (
-            SameSide(self.link.direction == "under") if self.link.direction in SAME_SIDE else None
-        )
+        """Side of both ends, None for a link that crosses the surface."""
+        direction = self.link.direction
+        return SameSide(direction == "under") if direction in SAME_SIDE else None
 
     def _runs(self, frame: arrays.Frame) -> list[_Run]:
         """Return the runs: one to all receivers in the air, or one from each in the water."""
@@ -477,19 +476,19 @@ def _remaining_importance(phase: AngleTable, n: float, spread: float) -> float:
 
 def _window(a: float, turned: float, diffuse: bool, in_water: bool) -> Window:
     """Return the weight window of water with absorption a and transport coefficient b (1 - g)."""
-    if not diffuse:
-        # attenuated by a + b (1 - g): light that is scattered forwards stays in the view
-        return Window(
-            diffuse=False, kappa=a + turned, length=0.0, beyond=0.0, highest=_CLEAR_HIGHEST,
-            bent=0.0, in_water=in_water,
-        )  # fmt: skip
-    # diffusion theory: D = 1 / (3 (a + b (1 - g))), decay (a / D)^(1/2), and an extrapolated
-    # boundary beyond the surface, where the fluence would vanish
-    diffusion = 1.0 / (3.0 * (a + turned))
-    return Window(
-        diffuse=True, kappa=math.sqrt(a / diffusion), length=1.0 / (a + turned),
-        beyond=_BOUNDARY * diffusion, highest=_HIGHEST, bent=0.0, in_water=in_water,
-    )  # fmt: skip
+    # attenuated by a + b (1 - g): light that is scattered forwards stays in the view
+    kappa, length, beyond, highest = a + turned, 0.0, 0.0, _CLEAR_HIGHEST
+    if diffuse:
+        # diffusion theory: D = 1 / (3 (a + b (1 - g))), decay (a / D)^(1/2), and an extrapolated
+        # boundary beyond the surface, where the fluence would vanish
+        d = 1.0 / (3.0 * (a + turned))
+        kappa, length, beyond, highest = (
+            math.sqrt(a / d),
+            1.0 / (a + turned),
+            _BOUNDARY * d,
+            _HIGHEST,
+        )
+    return Window(diffuse, kappa, length, beyond, highest, 0.0, in_water)
 
 
 def _way_in_water(link: Link) -> float:
