@@ -275,7 +275,7 @@ def availability(
     bounds: opt.Bounds = None,
     target: Annotated[float, value("P", "Share of the year at the range.")] = 0.9,
     runs: Annotated[int, count("Runs to which the surfaces are fitted.", "--runs")] = 32,
-    realizations: Annotated[int, seas("Seas of the fading of each run.")] = 6,
+    realizations: Annotated[int, seas("Seas of the fading of each run.")] = 16,
     photons: opt.Chains = 2048,
 ) -> None:  # fmt: skip
     """Print the share of the year in which a link works, by month, and its range.

@@ -579,7 +579,11 @@ def _exposed(
     if background is None:
         return ooks, DARK
     exposed = tuple(with_background(ook, background) for ook in ooks)
-    warn_of_background(exposed[0], background)
+    worst = background
+    if background.pixel_radiance is not None:  # each pixel has a detector of its own
+        side = len(background.pixel_radiance)
+        worst = background.of_pixel(*divmod(int(background.pixel_radiance.argmax()), side))
+    warn_of_background(with_background(ooks[0], worst), worst)
     text = described(exposed[0], background)
     # a receiver in the water sees another background at each depth
     if link.direction == "down" and len(backgrounds) > 1:

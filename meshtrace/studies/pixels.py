@@ -92,7 +92,7 @@ class PixelSignals(Stored, kind="pixels", title="meshtrace pixels of a receiver"
     def summary(self) -> str:
         """Return signal, background and error rates as text for a terminal."""
         best = self.best_pixel
-        rows = [
+        lines = [
             ("one detector", self.signal_rate.sum(), self.background_rate.sum(),
              self.ber_whole, self.ber_whole_stderr),
             (f"best pixel {best}", self.signal_rate[best], self.background_rate[best],
@@ -105,7 +105,7 @@ class PixelSignals(Stored, kind="pixels", title="meshtrace pixels of a receiver"
         cells = [
             (name, *("" if math.isnan(rate) else f"{rate:.3g}" for rate in rates),
              f"{ber:.2g} +- {error:.1g}")
-            for name, *rates, ber, error in rows
+            for name, *rates, ber, error in lines
         ]  # fmt: skip
         return text_table(cells, heads)
 
@@ -184,36 +184,36 @@ def pixel_signals(
     sea, meshing = mean_sea(link, campaign.surface), campaign.meshing.replace(waves=None)
     result = simulate(link, sea, photons=photons, seed=seed, threads=threads, mesh=meshing)
     day = light_of(campaign, daylight)
-    light: Background | None = None
+    ambient: Background | None = None
     if day is not None:
-        light = background(link, sea, day, photons=rays, seed=seed, mesh=meshing, threads=threads)
+        ambient = background(link, sea, day, photons=rays, seed=seed, mesh=meshing, threads=threads)
     dark = electronics_of(campaign, ook, bit_rate)
     assert dark is not None
-    return _signals(result, light, dark, link.receivers[0])
+    return _signals(result, ambient, dark, link.receivers[0])
 
 
 def _signals(
-    result: GainResult, light: Background | None, dark: OokLink, receiver: Aperture
+    result: GainResult, ambient: Background | None, dark: OokLink, receiver: Aperture
 ) -> PixelSignals:
     """Return signal and background of the pixels of a receiver from its gains and background."""
     assert isinstance(receiver, Camera)
     assert result.gain_by_pixel is not None
     assert result.gain_by_pixel_stderr is not None
     gain, shape = result.gain_by_pixel[0], (receiver.pixels, receiver.pixels)
-    lights = [None if light is None else light.of_pixel(i, j) for i, j in np.ndindex(*shape)]
+    lights = [None if ambient is None else ambient.of_pixel(i, j) for i, j in np.ndindex(*shape)]
     counts = np.array([(0.0, 0.0) if b is None else _counts(dark, b) for b in lights])
     pairs = list(zip(_exposed(dark, lights), dark.received_power(gain.ravel()), strict=True))
     moments = [transmission.moments(power) for transmission, power in pairs]
     levels = [transmission.levels(power) for transmission, power in pairs]
     # central differences over one standard error of the gain, and of the background
     errors_of = [float(result.stderrs[0]) / max(float(result.gains[0]), 1e-300), 0.0]
-    if light is not None:
-        errors_of[1] = light.radiance_stderr / max(light.radiance, 1e-300)
+    if ambient is not None:
+        errors_of[1] = ambient.radiance_stderr / max(ambient.radiance, 1e-300)
     steps = (0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)
     factors = np.maximum(1.0 + np.array(steps) * errors_of, 0.0).tolist()
-    rates = np.array([_error_rates(dark, gain, [light, *lights], *pair) for pair in factors])
+    rates = np.array([_error_rates(dark, gain, [ambient, *lights], *pair) for pair in factors])
     errors = np.hypot(0.5 * (rates[1] - rates[2]), 0.5 * (rates[3] - rates[4]))
-    origin = {} if light is None else {"daylight": light.provenance["daylight"]}
+    origin = {} if ambient is None else {"daylight": ambient.provenance["daylight"]}
     return PixelSignals(
         edge=receiver.pixel_edges,
         gain=gain,
@@ -231,10 +231,10 @@ def _signals(
     )
 
 
-def _counts(ook: OokLink, light: Background) -> tuple[float, float]:
+def _counts(ook: OokLink, ambient: Background) -> tuple[float, float]:
     """Return the counts of a background [s-1] and their standard error."""
-    rate = light.count_rate(ook)
-    return rate, rate * light.radiance_stderr / max(light.radiance, 1e-300)
+    rate = ambient.count_rate(ook)
+    return rate, rate * ambient.radiance_stderr / max(ambient.radiance, 1e-300)
 
 
 def _exposed(dark: OokLink, lights: list[Background | None], scale: float = 1.0) -> list[OokLink]:

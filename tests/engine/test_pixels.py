@@ -16,7 +16,9 @@ from meshtrace.studies import pixel_signals
 from meshtrace.surfaces import FlatSea
 
 pytestmark = pytest.mark.filterwarnings(
-    "ignore:.*effective sample size", "ignore:.*left the meshed surface", "ignore:filter_width_nm"
+    "ignore:.*effective sample size",
+    "ignore:.*left the meshed surface",
+    "ignore::meshtrace.comms.background.DaylightWarning",
 )
 
 CLEAR = mt.Water(a=0.1, b=0.0)

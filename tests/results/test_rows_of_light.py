@@ -110,8 +110,8 @@ def test_columns_have_units(case):
     units = {str(name): data[name].attrs["units"] for name in data}
     assert units["time"] == "s"
     assert units["water_path"] == units["air_path"] == "m"
-    assert units["angle"] == "rad"
-    assert len(units) == 10
+    assert units["angle"] == units["azimuth"] == "rad"
+    assert len(units) == 11
 
 
 def test_tables_survive_a_file(case, tmp_path):

@@ -122,8 +122,8 @@ class View(NamedTuple):
             return np.asarray(by_shift.mean(axis=-1)[..., None])
         shifts = by_shift.shape[-2]
         cell = np.repeat(np.arange(shifts), self.per_shift) * self.pixels + self.pixels_of(towards)
-        rows = values.reshape(-1, values.shape[-1])
-        sums = np.array([np.bincount(cell, row, shifts * self.pixels) for row in rows])
+        flat = values.reshape(-1, values.shape[-1])
+        sums = np.array([np.bincount(cell, row, shifts * self.pixels) for row in flat])
         return sums.reshape(*values.shape[:-1], shifts, self.pixels) / self.per_shift
 
     def share_of_disk(self, towards: Floats, radius: float) -> float:
@@ -395,9 +395,9 @@ def _irradiance(
     light_in = law.strength(ray, law.normal(ray)) * view.accepted(-ray) / (distance**2 * det)
     tau = np.array([depth(place) for depth in depths] or [np.zeros(len(place))])
     # the equation of the module, F cos(theta_y) / (R^2 det), dimmed along the slanted ray
-    light = (light_in * np.exp(-tau / np.abs(ray[:, 2])))[:, seen]
+    irradiance = (light_in * np.exp(-tau / np.abs(ray[:, 2])))[:, seen]
     pixel = view.pixels_of(-ray[seen])
-    return np.stack([light[:, pixel == k].sum(axis=1) for k in range(view.pixels)], axis=1)
+    return np.stack([irradiance[:, pixel == k].sum(axis=1) for k in range(view.pixels)], axis=1)
 
 
 def _blend(u: Floats, corners: Floats) -> Floats:
