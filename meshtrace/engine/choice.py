@@ -248,6 +248,7 @@ def chain_cost(expected: float, turn: float = 1.0) -> float:
         return _FORWARD_COST / expected**2
     return _COST if expected < TURBID else _TURBID_COST / expected
 
+
 def pilot_photons(expected: float, turn: float) -> int:
     """Return the number of joined photons of a pilot, by the arguments of `is_forward`."""
     return _FEW_PILOT_PHOTONS if is_forward(expected, turn) else _PILOT_PHOTONS
