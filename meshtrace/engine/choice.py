@@ -59,6 +59,7 @@ _REFLECTED_VARIANCE, _ERROR_SHARE = 500.0, 0.25
 _EFFICIENT = 4.0  # squared relative deviation of one chain up to which no other estimator is tried
 _COST = 3.0  # time of a chain over that of a joined photon
 _TURBID_COST = 2.0  # the same in turbid water: this, over the scatterings expected on the way
+_FORWARD_COST = 4.0  # the same where light is turned little: this, over their square
 _ANALOG_COST = 8.0  # time of a chain or joined photon over that of an analog one; 5 to 40
 _TAIL = 6.0  # variance of aimed samples in long runs over that of their pilots; from 1 to 14
 _HALF = 0.5  # chains with less than this share of the light of photons are not trusted
@@ -228,21 +229,29 @@ def is_clear(chains: ScatteredPilot) -> NDArray[np.bool_]:
     return (square > np.finfo(float).tiny) & (chains.variance <= _EFFICIENT * square)
 
 
-def chain_cost(expected: float) -> float:
+def is_forward(expected: float, turn: float) -> bool:
+    """Return whether light is scattered many times, but by small angles.
+
+    `expected` scatterings on the way turn it as often as `turn`, 1 - g, times as many isotropic
+    ones.
+    """
+    return expected >= TURBID and expected * turn <= DIFFUSE
+
+
+def chain_cost(expected: float, turn: float = 1.0) -> float:
     """Return the time of a chain relative to a joined photon.
 
     In turbid water a photon is scattered many times more often than `expected` on the way,
-    which makes photons the slower ones.
+    which makes photons the slower ones; most so where it `is_forward`.
     """
+    if is_forward(expected, turn):
+        return _FORWARD_COST / expected**2
     return _COST if expected < TURBID else _TURBID_COST / expected
 
 
-def pilot_photons(expected: float, turned: float) -> int:
-    """Return the number of joined photons of a pilot.
-
-    `expected` scatterings on the way count as `turned` isotropic ones, b (1 - g) times the way.
-    """
-    return _FEW_PILOT_PHOTONS if expected >= TURBID and turned <= DIFFUSE else _PILOT_PHOTONS
+def pilot_photons(expected: float, turn: float) -> int:
+    """Return the number of joined photons of a pilot, by the arguments of `is_forward`."""
+    return _FEW_PILOT_PHOTONS if is_forward(expected, turn) else _PILOT_PHOTONS
 
 
 def reflected_per_chain(returned: Floats, variance: Floats) -> float:
@@ -256,7 +265,9 @@ def reflected_per_chain(returned: Floats, variance: Floats) -> float:
     return float(each.max())
 
 
-def choose(chains: ScatteredPilot, photons: ScatteredPilot, expected: float = 0.0) -> list[Method]:
+def choose(
+    chains: ScatteredPilot, photons: ScatteredPilot, expected: float = 0.0, turn: float = 1.0
+) -> list[Method]:
     """Choose the estimator with the smaller variance times time for each receiver.
 
     Chains that miss much of the light have a small variance. They are not trusted if photons bring
@@ -268,7 +279,7 @@ def choose(chains: ScatteredPilot, photons: ScatteredPilot, expected: float = 0.
     missed = photons.mean - chains.mean > _DOUBT * np.hypot(photons.stderr, chains.stderr)
     certain = 2.0 * photons.stderr if expected >= TURBID else 0.0
     missed |= (chains.mean < _HALF * photons.mean) & (photons.mean - chains.mean > certain)
-    slower = chains.variance * chain_cost(expected) > photons.variance
+    slower = chains.variance * chain_cost(expected, turn) > photons.variance
     few = chains.mean < _SURE * chains.stderr
     # relative errors compared crosswise: a mean may be 0
     surer = photons.stderr * chains.mean < chains.stderr * photons.mean
@@ -336,9 +347,11 @@ def samples_for(
 
 
 def choose_common(
-    chains: list[ScatteredPilot], photons: list[ScatteredPilot], expected: Floats
+    chains: list[ScatteredPilot], photons: list[ScatteredPilot], expected: Floats, turn: float
 ) -> tuple[list[Method], float]:
     """Choose one estimator for all wavelengths from the pilots and expected scatterings of each.
+
+    `turn` is 1 - g, see `is_forward`.
 
     Return the estimators by receiver, and the number of joined photons in place of a chain.
 
@@ -347,16 +360,16 @@ def choose_common(
     the wavelengths photons are fewer, so that they take about twice the time of the chains.
     """
     if len(chains) == 1:
-        return choose(chains[0], photons[0], float(expected[0])), PER_CHAIN
+        return choose(chains[0], photons[0], float(expected[0]), turn), PER_CHAIN
     # masks of receivers: photons are chosen at some wavelength; at every one; because chains are
     # not trusted (missed), rather than for their time
     receivers = len(chains[0].mean)
     chosen, missed = np.zeros(receivers, bool), np.zeros(receivers, bool)
     total, every = np.zeros((2, receivers)), np.ones(receivers, bool)
     for chained, seen, number in zip(chains, photons, expected.tolist(), strict=True):
-        vote = np.array([m == "joined" for m in choose(chained, seen, number)])
+        vote = np.array([m == "joined" for m in choose(chained, seen, number, turn)])
         chosen, every = chosen | vote, every & vote
-        missed |= vote & (chained.variance * chain_cost(number) <= seen.variance)
+        missed |= vote & (chained.variance * chain_cost(number, turn) <= seen.variance)
         with np.errstate(all="ignore"):
             both = [chained.variance / chained.mean**2, seen.variance / seen.mean**2 / PER_CHAIN]
         total += np.nan_to_num(both, nan=1e300, posinf=1e300)

@@ -83,9 +83,10 @@ class ForcedDetection:
     photons : int
         Chains in all. There are eight times as many joined photons where these follow scattered
         light or light off the bottom. If they follow only light that the surface reflects first,
-        there are twice as many, or fewer where it is below 2 % of the gain: they take a tenth of
-        the time. Photons that several wavelengths share may be as few as the chains, see
-        `choice.choose_common`. There are 32 times as many analog photons.
+        there are twice as many, or fewer where it is below 2 % of the gain or where its error is
+        small beside that of the chains: they take a tenth of the time. Photons
+        that several wavelengths share may be as few as the chains, see `choice.choose_common`.
+        There are 32 times as many analog photons.
     seed : int
         Seed of the points and their shifts.
     normals : {"vertex", "facet"}

@@ -264,7 +264,7 @@ class Planner:
         """
         # scatterings expected on the way by wavelength, for the source that expects most
         expected = max(law.expected for law in self.drawer.nominals) * np.array(shared.ratios)
-        better, per_chain = choice.choose_common(by_chains, by_photons, expected)
+        better, per_chain = choice.choose_common(by_chains, by_photons, expected, self._turn)
         pilot = chains.pilot
         if len(by_chains) == 1 and pilot is not None:
             # analog photons compete at a single wavelength only: several share the paths of chains
@@ -341,8 +341,7 @@ class Planner:
         if not doubtful.any() or not self._photons_follow():
             return None
         expected = max(law.expected for law in self.drawer.nominals)
-        turned = expected * (1.0 - self.link.water.phase.mean_cosine)
-        number = choice.pilot_photons(expected, turned)
+        number = choice.pilot_photons(expected, self._turn)
         photons = self._joined(number, self._piloted[doubtful].tolist())
         # a choice by the photons of the run itself would bias it
         photons.seed ^= _PILOT_SEED
@@ -462,6 +461,11 @@ class Planner:
         """Return the link reduced to `receivers`."""
         ends_of = tuple(self.link.receivers[r] for r in receivers)
         return self.link.model_copy(update={"receiver": ends_of})
+
+    @property
+    def _turn(self) -> float:
+        """1 - g, the isotropic scatterings that turn light as much as one."""
+        return 1.0 - self.link.water.phase.mean_cosine
 
     @cached_property
     def _largest_score(self) -> float:

@@ -60,12 +60,8 @@ class Wander(NamedTuple):
         Both axes have one predictor, that of the sum of their covariances C:
         sum_j (C(i T - j T) + noise C(0) delta_ij) a_j = C(latency + i T).
         """
-        from scipy.linalg import solve_toeplitz
-
         lags = sample_lags(sample)
-        past = self.covariance(lags).sum(axis=0)
-        past[0] *= 1.0 + noise
-        return np.asarray(solve_toeplitz(past, self.covariance(latency + lags).sum(axis=0)))
+        return _predictor(self.covariance(lags), self.covariance(latency + lags), noise)
 
     def left(
         self, latency: float | None, predictor: Predictor | None, sample: float, noise: float | None
@@ -81,12 +77,22 @@ class Wander(NamedTuple):
             steps = 4.0 * np.sin(0.5 * self.omega * latency) ** 2
             return (self.variance * steps).sum(axis=1) + (noise or 0.0) * 0.5 * whole.sum()
         noise = max(noise or 0.0, LEAST_NOISE)
-        a = self.coefficients(latency, sample, noise)
         lags = sample_lags(sample)
-        by_axis = zip(whole, self.covariance(lags), self.covariance(latency + lags), strict=True)
+        past_of, ahead_of = self.covariance(lags), self.covariance(latency + lags)
+        a = _predictor(past_of, ahead_of, noise)
+        by_axis = zip(whole, past_of, ahead_of, strict=True)
         # E (s - sum_j a_j (s_j + e_j))^2, half of the noise on each axis
         left = [c0 - 2.0 * a @ ahead + a @ matmul_toeplitz(past, a) for c0, past, ahead in by_axis]
         return np.array(left) + noise * 0.5 * whole.sum() * (a @ a)
+
+
+def _predictor(past: Floats, ahead: Floats, noise: float) -> Floats:
+    """Return `Wander.coefficients` from the covariances (2, m) at the lags and ahead of them."""
+    from scipy.linalg import solve_toeplitz
+
+    column = past.sum(axis=0)
+    column[0] *= 1.0 + noise
+    return np.asarray(solve_toeplitz(column, ahead.sum(axis=0)))
 
 
 @check_call

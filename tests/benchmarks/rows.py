@@ -16,6 +16,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -372,6 +373,61 @@ def turbid() -> dict[str, Any]:
     return found
 
 
+def deep() -> dict[str, Any]:
+    """Return the CPU seconds for 1 % where light is scattered 10 and 20 times on the way.
+
+    From the cost of 2 % at three seeds, as the cost grows as the inverse square of the error.
+    """
+    import meshtrace as mt
+    from meshtrace.surfaces import FlatSea, JonswapSea
+
+    seas, found = {"": FlatSea(), ", 5 m/s": JonswapSea(wind_speed=5.0, seed=7)}, {}
+    for b, (name, sea) in product((1.0, 2.0), seas.items()):
+        link = mt.Link(water=mt.Water(a=0.1, b=b))
+
+        def squares(seed: int, link: Any = link, sea: Any = sea) -> float:
+            done: list[Any] = []
+            used = cpu(lambda: done.append(mt.simulate(link, sea, rtol=0.02, seed=seed, threads=1)))
+            return used * (100.0 * float(done[0].stderrs[0] / done[0].gains[0])) ** 2
+
+        squares(1)
+        found[f"b z = {10 * b:g}{name}"] = sum(map(squares, (1, 2, 3))) / 3.0
+    return found
+
+
+def colours() -> dict[str, Any]:
+    """Return the CPU time of gains at 31 wavelengths over that at one, by the water."""
+    from test_wavelengths_benchmark import CASES, COLOURS
+
+    import meshtrace as mt
+
+    found = {}
+    for name in ("clear-wavy", "turbid-wavy", "chlorophyll-wavy"):
+        link, sea, _ = CASES[name]
+        options: dict[str, Any] = {"photons": 10_000, "threads": 1, "seed": 1}
+
+        def gain(nm: Any, link: Any = link, sea: Any = sea, options: Any = options) -> None:
+            mt.simulate(link, sea, wavelengths_nm=nm, **options)
+
+        gain(COLOURS)
+        pairs = [(cpu(lambda: gain(COLOURS)), cpu(lambda: gain([550.0]))) for _ in range(5)]
+        every, single = map(min, zip(*pairs, strict=True))
+        found[name] = every / single
+    return found
+
+
+def page() -> dict[str, Any]:
+    """Return the CPU seconds and the peak memory of the page of a design, that of the guide."""
+    import re
+
+    import meshtrace as mt
+
+    guide = (ROOT / "docs" / "guides" / "design.md").read_text()
+    link = re.findall(r"```toml\n(.*?)```", guide, re.DOTALL)[0]
+    used = cpu(lambda: mt.design(mt.Scenario.from_toml(link), threads=1))
+    return {"CPU s": used, "MiB": peak_mib()}
+
+
 def frames() -> dict[str, Any]:
     """Return the CPU seconds of a frame of a trace, the default link at 5 m/s over all waves."""
     from test_traces_benchmark import UP, per_frame
@@ -400,6 +456,9 @@ ROWS: dict[str, tuple[Callable[[], dict[str, Any]], str, str]] = {
     "movie": (movie, "frame of a movie, CPU s", "0.8"),
     "compiled": (compiled, "functions that the first run compiles", "fewer"),
     "frames": (frames, "frame of a trace, CPU s", "0.010"),
+    "deep": (deep, "1 % at b z = 10 and 20, CPU s", "20"),
+    "colours": (colours, "31 wavelengths over one", "1.3"),
+    "page": (page, "page of a design", "20 CPU s, 400 MiB"),
 }
 
 

@@ -68,6 +68,7 @@ _CONE = 0.5  # tuned: those uniform over the cones to what the targets see
 # tuned: weight times importance, over that of the start, above which photons are split: in turbid
 # water, in clear water, and where beams hit their targets
 _HIGHEST, _CLEAR_HIGHEST, _AIMED_HIGHEST = 2.0, 1.5, 2.0
+_LEAST_FALL = 0.1  # tuned: of ln(importance) over the depth, against photons far below the source
 _BENT = 0.3  # tuned: fall of the importance with the bend of light over random slopes
 # extrapolated boundary over the diffusion coefficient; 2 would be one without internal reflection
 _BOUNDARY = 3.4
@@ -326,6 +327,8 @@ class JoinedPhotons:
             mean_share = _remaining_importance(water, link.water.n / link.n_air, spread)
             kappa = a + b * (1.0 - mean_share)
             window = window._replace(kappa=kappa, highest=_AIMED_HIGHEST, bent=_BENT)
+        # water that hardly attenuates would keep photons that go down for ever
+        window = window._replace(kappa=max(window.kappa, _LEAST_FALL / depth))
         walls = _walls(scene_of(link, frame))
         records = np.zeros(len(run.targets), TARGET)
         # area over which slopes spread light, per squared height: 2 pi sigma_a sigma_c (n - 1)^2

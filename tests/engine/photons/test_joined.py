@@ -1,6 +1,7 @@
 """Joined photons: against analog photons, forced detection, and themselves."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from meshtrace.engine.setup import ends, meshing
 from meshtrace.engine.setup.options import resolve
 from meshtrace.errors import Refused
 from meshtrace.kernels import tally
+from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.surfaces import FlatSea, JonswapSea
 
@@ -330,3 +332,24 @@ def test_light_to_many_receivers_does_not_depend_on_the_guides():
         light.append(groups[:: 2 if some is receivers else 1].mean(axis=0))
     means, errors = np.mean(light, axis=1), [error_of_groups(one) for one in light]
     assert z_test(means[0], math.hypot(*errors), means[1]) > ALPHA
+
+
+def test_photons_leave_water_that_does_not_attenuate(monkeypatch):
+    """Below bubbles, without absorption, they once went down for ever: 100 times the time."""
+    windows, make = [], joined.JoinedPhotons._world
+
+    def recorded(self, *inputs):
+        world = make(self, *inputs)
+        windows.append(world.joins.window)
+        return world
+
+    monkeypatch.setattr(joined.JoinedPhotons, "_world", recorded)
+    link = mt.Link(
+        transmitter=mt.GaussianBeam(depth=20.0), water=mt.Water(a=0.0, b=0.0),
+        bubbles=mt.HallNovarini(wind_speed=8.0),
+    )  # fmt: skip
+    slopes = UnresolvedSlopes((1e-3, 1e-3), (1e-3, 1e-3))
+    mesh = replace(FLAT.mesh(extent=8.0), unresolved=slopes)
+    gains = joined.JoinedPhotons(link, 512, 1).evaluate(mesh)
+    assert gains.parts.sum() > 0.0
+    assert windows[0].kappa > 0.0
