@@ -151,6 +151,15 @@ def _array(value: Any, name: str, shape: str, least: int, dtype: Any = float) ->
     return array
 
 
+def _corner_indices(faces: NDArray[Any]) -> NDArray[np.int32]:
+    """Return faces as the one kind of array that kernels are compiled for."""
+    # Read-only, as are the faces that grids of one shape share. A view, so that the array of the
+    # caller stays as it is.
+    faces = faces.astype(np.int32, copy=False).view()
+    faces.flags.writeable = False
+    return faces
+
+
 class _Facets(NamedTuple):
     """Geometry of the facets of a mesh, computed in one pass."""
 
@@ -164,6 +173,7 @@ class _Facets(NamedTuple):
         """Return the geometry of vertices (n, 3) [m] and faces (m, 3)."""
         from meshtrace.kernels.scene import facet_normals
 
+        vertices, faces = np.require(vertices, np.float64, "CW"), _corner_indices(faces)
         normals, double_areas = np.empty((len(faces), 3)), np.empty(len(faces))
         low, high, squared_slope = facet_normals(vertices, faces, normals, double_areas)
         return cls(normals, double_areas, np.array([low, high]), math.sqrt(squared_slope))
@@ -261,12 +271,8 @@ class TriangleMesh:
         if faces.dtype.kind not in "iu" or low < 0 or high >= len(vertices):
             kind = Described(f"{faces.dtype} {low}..{high}")
             raise Refused("mesh.faces", kind, f"integers 0..{len(vertices) - 1}")
-        faces = faces.astype(np.int32, copy=False)
+        faces, vertices = _corner_indices(faces), np.require(vertices, requirements="W")
         object.__setattr__(self, "vertices", vertices)
-        # Read-only, as are the faces that grids of one shape share: kernels are compiled again for
-        # another kind of array. A view, so that the array of the caller stays as it is.
-        faces = faces.view()
-        faces.flags.writeable = False
         object.__setattr__(self, "faces", faces)
         up = self.face_normals[:, 2]
         if self.overhangs and not np.isfinite(up).all():
@@ -288,7 +294,7 @@ class TriangleMesh:
         if not (np.abs(length - 1.0) < 1e-9).all() or not upward:
             other = Described("other vectors")
             raise Refused("mesh.vertex_normals", other, "unit vectors with normal_z > 0")
-        object.__setattr__(self, "vertex_normals", normals)
+        object.__setattr__(self, "vertex_normals", np.require(normals, requirements="W"))
 
     @cached_property
     def _facets(self) -> _Facets:

@@ -157,12 +157,11 @@ class WalkedScene(_Called):
         starts = np.zeros(nx * ny + 1, np.int64)
         bins = Locator(float(low[0]), float(low[1]), step, nx, ny, starts, _NONE)
         places = np.empty((len(corners), 2), np.int64)
-        mesh = Triangles(corners, facets, corners)
         # counting sort, as `setup.arrays.locator`
-        count_bins(mesh, bins, places)
+        count_bins(corners, facets, bins, places)
         np.cumsum(bins.start, out=bins.start)
         bins = bins._replace(facet=np.empty(bins.start[-1], np.int32))
-        fill_bins(mesh, bins, places, bins.start[:-1].copy())
+        fill_bins(facets, bins, places, bins.start[:-1].copy())
         self._numbers = packed(corners, facets, bins)
         self.function = walker().address, self._numbers.ctypes.data
 
@@ -335,8 +334,8 @@ class Intersector(ABC):
         origins, directions : array_like, shape (n, 3)
             Rays; directions need not be unit vectors: distances are in units of their lengths.
         """
-        o = np.ascontiguousarray(origins, dtype=np.float64)
-        d = np.ascontiguousarray(directions, dtype=np.float64)
+        # writable: for read-only arrays numba would compile again
+        o, d = (np.require(a, np.float64, "CW") for a in (origins, directions))
         for name, array in (("origins", o), ("directions", d)):
             if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
                 raise Refused(name, Described(f"shape {array.shape}"), "finite (n, 3)")

@@ -228,27 +228,27 @@ def facet_summary(surface, out):
 
 
 @entry
-def count_bins(surface, grid, bins):
+def count_bins(vertices, faces, grid, bins):
     """Count the facets of each bin into `grid.start[1:]`, and write the bin (i, j) of each vertex.
 
     `bins` is (n, 2), for `fill_bins`; the caller sums `start` up in between.
     """
     # two passes, counts and then lists: arrays of the right size without a list for each bin
-    for v in range(len(surface.vertices)):
-        bins[v, 0] = _bin_of(surface.vertices[v, 0], grid.x, grid.step, grid.nx)
-        bins[v, 1] = _bin_of(surface.vertices[v, 1], grid.y, grid.step, grid.ny)
-    for f in range(len(surface.faces)):
-        i0, i1, j0, j1 = _bin_range(surface.faces, f, grid, bins)
+    for v in range(len(vertices)):
+        bins[v, 0] = _bin_of(vertices[v, 0], grid.x, grid.step, grid.nx)
+        bins[v, 1] = _bin_of(vertices[v, 1], grid.y, grid.step, grid.ny)
+    for f in range(len(faces)):
+        i0, i1, j0, j1 = _bin_range(faces, f, grid, bins)
         for i in range(i0, i1 + 1):
             for j in range(j0, j1 + 1):
                 grid.start[i * grid.ny + j + 1] += 1
 
 
 @entry
-def fill_bins(surface, grid, bins, cursor):
+def fill_bins(faces, grid, bins, cursor):
     """Write the facets of each bin into `grid.facet`; cursor is a copy of `grid.start[:-1]`."""
-    for f in range(len(surface.faces)):
-        i0, i1, j0, j1 = _bin_range(surface.faces, f, grid, bins)
+    for f in range(len(faces)):
+        i0, i1, j0, j1 = _bin_range(faces, f, grid, bins)
         for i in range(i0, i1 + 1):
             for j in range(j0, j1 + 1):
                 cell = i * grid.ny + j

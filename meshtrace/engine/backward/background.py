@@ -410,7 +410,8 @@ def _last_scattering(
         phases.append(blurred_phase(phase))
     log = np.array(logs[1:]).T - logs[0][:, None]
     ratio = np.array(phases[1:]).T / np.maximum(phases[0], 1e-300)[:, None]
-    return LastScattering(float(grid[1]), log, ratio)
+    # the order of the one array depends on the number of wavelengths, and kernels on the order
+    return LastScattering(float(grid[1]), *map(np.ascontiguousarray, (log, ratio)))
 
 
 @lru_cache(maxsize=256)

@@ -409,7 +409,7 @@ class AimedChains:
                 self._last[pair] = Quadrature(float(gain.sum()), at, edges, cut_short)
         else:
             stretch, lever, bend = self.bounds_of(scene)
-            facets = np.arange(len(gain)) if facets is None else facets
+            facets = np.arange(len(gain)) if facets is None else np.ascontiguousarray(facets)
             with for_thread(self.link.bodies) as bodies:
                 scene, bounds = scene._replace(bodies=bodies), (1.5 * stretch, lever, bend)
                 image.image_gain(scene, facets, longer, *bounds, stack, gain)

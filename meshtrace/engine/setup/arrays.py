@@ -397,10 +397,10 @@ def locator(surface: interface.MeshArrays, targets: Sequence[Target]) -> Locator
     grid = Locator(low[0], low[1], step, nx, ny, start, empty)
     # counting sort: one array of facets ordered by bin, and the start of each bin in it
     bins = np.empty((len(surface.vertices), 2), np.int64)
-    count_bins(surface, grid, bins)
+    count_bins(surface.vertices, faces, grid, bins)
     np.cumsum(start, out=start)
     grid = grid._replace(facet=np.empty(start[-1], np.int32))
-    fill_bins(surface, grid, bins, start[:-1].copy())
+    fill_bins(faces, grid, bins, start[:-1].copy())
     _recent_bins.append(((faces, places.copy()), key, grid))
     return grid
 
