@@ -106,8 +106,10 @@ def _(source: Body) -> pv.PolyData:
 
 @to_pyvista.register
 def _(source: Aperture) -> pv.PolyData:
-    ring = {"inner": 0.0, "outer": source.radius, "c_res": 60}
-    return pv.Disc(center=source.center, normal=source.axis, **ring).triangulate()
+    disk: Any = pv.Disc(
+        center=source.center, normal=source.axis, inner=0.0, outer=source.radius, c_res=60
+    )
+    return disk.triangulate()
 
 
 def _height(source: CoverageMap) -> float:
@@ -236,7 +238,7 @@ def _save_solid(scene: ScenePlotter, path: Path) -> list[Path]:
     return list(files)
 
 
-def _solids(scene: ScenePlotter) -> Iterator[tuple[str, pv.PolyData, str]]:
+def _solids(scene: ScenePlotter) -> Iterator[tuple[str, Any, str]]:
     """Yield the parts of a scene that have triangles, by name, with their colours."""
     for name, source in scene.shown.items():
         if isinstance(source, CoverageMap):

@@ -159,7 +159,7 @@ def _thinned(mesh: TriangleMesh) -> TriangleMesh:
     a, b, c = points[faces].swapaxes(0, 1)
     area = np.cross(b - a, c - a)
     faces = faces[mesh.overhangs | (area[:, 2] > 0.0)]
-    return TriangleMesh(points, faces, None, mesh.unresolved, mesh.overhangs)
+    return TriangleMesh(points, faces, unresolved=mesh.unresolved, overhangs=mesh.overhangs)
 
 
 def _left_out(link: Link | None, style: SceneStyle) -> list[str]:
@@ -199,7 +199,7 @@ def _key(link: Link | None, rays: Sequence[Any]) -> dict[str, str]:
         "unscattered light received": live.light_shade(source),
         "scattered light received": live.SCATTERED_COLOR,
     } | {f"photons {name}": color for name, color in others.items()}
-    there = np.unique(np.concatenate([r[:, 6] for r in rays])) if rays else []
+    there = np.unique(np.concatenate([r[:, 6] for r in rays])) if rays else np.zeros(0)
     names = list(kinds)
     return key | {names[int(kind)]: kinds[names[int(kind)]] for kind in there}
 

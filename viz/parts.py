@@ -196,9 +196,8 @@ def add_bubbles(
         The same scene.
     """
     corners, bottom = walls(mesh, scene.stage.bottom), scene.stage.bottom
-    block = pv.PolyData.from_regular_faces(
-        corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
-    )
+    faces: Any = np.arange(3 * len(corners)).reshape(-1, 3)
+    block = pv.PolyData.from_regular_faces(corners.reshape(-1, 3), faces)
     if not near:
         # of a wave that hangs over the edge of the mesh runs to and fro above its foot
         (x0, y0, _), (x1, y1, _) = mesh.bounds
@@ -212,7 +211,8 @@ def add_bubbles(
     dark = _darkness(scene, np.pad(levels[:, None], ((0, 0), (2, 0))))
     shallow, deep = (np.array(to_rgb(c)) for c in (SHALLOW, scene.deep))
     # near sides face the camera: culling removes the others; opacities are tuned
-    name, culling, alpha = ("near water", "back", 0.302) if near else ("water", "front", 0.97)
+    water: Any = ("near water", "back", 0.302) if near else ("water", "front", 0.97)
+    name, culling, alpha = water
     block.point_data["z"] = block.points[:, 2]
     scene.add_mesh(
         block, scalars="z", cmap=ListedColormap(shallow + dark * (deep - shallow)),
@@ -271,11 +271,11 @@ def cut_to(mesh: TriangleMesh, bounds: Any) -> TriangleMesh:
     a, b, c = points[faces].swapaxes(0, 1)
     area = np.cross(b - a, c - a)
     # slivers at the sides of the stage have no normal
-    kept = np.linalg.norm(area, axis=1) > 1e-12
-    kept &= mesh.overhangs | (area[:, 2] > 0.0)
+    whole = np.linalg.norm(area, axis=1) > 1e-12
+    whole &= mesh.overhangs | (area[:, 2] > 0.0)
     normals = np.asarray(cut.point_data["normal"], float)
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    return TriangleMesh(points, faces[kept], normals, mesh.unresolved, mesh.overhangs)
+    return TriangleMesh(points, faces[whole], normals, mesh.unresolved, mesh.overhangs)
 
 
 def _add_points(scene: ScenePlotter, mesh: TriangleMesh, bubbles: BubblePopulation) -> None:

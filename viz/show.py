@@ -29,7 +29,6 @@ from meshtrace.results.gain import GainResult
 from meshtrace.results.series import GainSeries
 
 from .export import SCENE_SUFFIXES, export_scene, require_suffix, save_screenshot
-from .page import save_html
 from .scenes import RECEIVED_SHOWN, SceneStyle, Shown, scene
 from .style import CHALK, DUSK, FATE_COLORS, NIGHT, PALETTE, RC, axis_label, water_map
 
@@ -525,6 +524,8 @@ def view(
                 plotter.show(title=title)
             plotter.close()
         if html:
+            from .page import save_html  # pictures need nothing of it
+
             files.append(save_html(
                 link, surface, html, time=time, gain=caption_gain, title=title, **still
             ))  # fmt: skip

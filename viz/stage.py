@@ -177,7 +177,7 @@ class ScenePlotter(pv.Plotter):
         low, high = sky or (NIGHT, DUSK)
         self.deep = low if sky else DEEP
         if self.transparent:  # `save_screenshot` takes black out again
-            self.set_background("black")
+            self.set_background("black")  # type: ignore[arg-type]
         else:
             self.set_background(low, top=high)  # type: ignore[arg-type]
 
@@ -360,12 +360,12 @@ def add_compass(
 def add_caption(scene: ScenePlotter, text: str) -> ScenePlotter:
     """Write a caption along the lower edge of the window, above the key that is there."""
     scene.caption = text
-    rows = max((row for _, _, row in _key_places(scene)), default=0) + 1
+    row = max((row for _, _, row in _key_places(scene)), default=0) + 1
     # breaks between clauses, whose own spaces are of another kind
     clauses = "; ".join(clause.replace(" ", "\N{NO-BREAK SPACE}") for clause in text.split("; "))
     for line in reversed(textwrap.wrap(clauses, int(1.0 / _letter(scene)))):
-        scene.write(line, 0.02, 0.02 + 1.6 * (rows + 0.25) * _row(scene), scene.chalk)
-        rows += 1
+        scene.write(line, 0.02, 0.02 + 1.6 * (row + 0.25) * _row(scene), scene.chalk)
+        row += 1
     return scene
 
 

@@ -152,7 +152,13 @@ def test_a_scene_in_one_file_keeps_places_and_colours(drawn, suffix, tmp_path):
     files = viz.export_scene(drawn, tmp_path / f"scene.{suffix}")
     assert sorted(files) == sorted(tmp_path.iterdir())
     parts = trimesh.load_scene(files[0]).geometry
-    assert set(parts) == {"surface", "body_1", "receiver_1", "paths_received", "paths_ended_in_the_water"}
+    assert set(parts) == {
+        "surface",
+        "body_1",
+        "receiver_1",
+        "paths_received",
+        "paths_ended_in_the_water",
+    }
     x, y, z = (parts["body_1"].vertices @ [[1, 0, 0], [0, 0, 1], [0, -1, 0]]).T  # y up to z up
     np.testing.assert_allclose([x.max(), y.max(), z.max(), z.min()], [1.0, 1.0, -3.0, -3.0])
     aperture = parts["receiver_1"]

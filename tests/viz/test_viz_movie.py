@@ -11,7 +11,6 @@ import pytest
 
 import meshtrace as mt
 from meshtrace import viz
-from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.fading import resolve_band
 from meshtrace.surfaces import FlatSea, JonswapSea, MeshSequence, resolved_sea
 from meshtrace.viz import show
@@ -92,13 +91,13 @@ def test_a_movie_shows_the_sea_of_its_series(tmp_path, monkeypatch):
 
 def test_a_frame_looks_the_surface_up_a_few_times(monkeypatch):
     """Each search takes milliseconds to set up: one for each cone took most of a frame."""
-    calls, intersect = [], EmbreeIntersector.intersect
+    calls, intersect = [], mt.EmbreeIntersector.intersect
 
     def counted(self, origins, directions):
         calls.append(len(origins))
         return intersect(self, origins, directions)
 
-    monkeypatch.setattr(EmbreeIntersector, "intersect", counted)
+    monkeypatch.setattr(mt.EmbreeIntersector, "intersect", counted)
     viz.scene(mt.Link(), FlatSea(), style=viz.SceneStyle(off_screen=True)).close()
     assert 0 < len(calls) <= 20
 

@@ -9,7 +9,7 @@ import meshtrace as mt
 from meshtrace import viz
 from meshtrace.surfaces import FlatSea, JonswapSea, TiltedPlane
 from meshtrace.viz import ScenePlotter, export, parts, scenes
-from meshtrace.viz.stage import ROOM, round_length, round_range, stage_of
+from meshtrace.viz.stage import ROOM, add_caption, round_length, round_range, stage_of
 from meshtrace.viz.style import BODY_COLORS, FATE_COLORS, LED_COLOR
 
 LINK = mt.Link()
@@ -31,7 +31,8 @@ def shoot():
     made = []
 
     def picture(link=LINK, sea=SEA, **options):
-        light = {k: options.pop(k) for k in ("paths", "received", "coverage") if k in options}
+        names = ("paths", "received", "coverage", "daylight")
+        light = {k: options.pop(k) for k in names if k in options}
         style = viz.SceneStyle(**{**SMALL, "spacing": 0.4, **options})
         plotter = viz.scene(link, sea, **light, style=style)
         made.append(plotter)
@@ -554,3 +555,44 @@ def test_bodies_are_seen_where_they_are_and_exported(shoot, plain, tmp_path):
     export.export_scene(plotter, tmp_path)
     np.testing.assert_allclose(pv.read(tmp_path / "body_1.vtp").points, wall.vertices)
     assert pv.read(tmp_path / "body_2.vtp").bounds[2] == pytest.approx(503.0)
+
+
+def test_the_background_is_that_of_the_light(shoot):
+    """By day only the waves were once lit."""
+    night, day, moon = (
+        shoot(daylight=light and mt.Daylight.model_validate(light))[1][5, 5].sum()
+        for light in (
+            None,
+            {"direct": 1.2, "diffuse": 0.3, "sun_zenith_deg": 40.0},
+            {"direct": 1e-7, "diffuse": 1e-7, "sun_zenith_deg": 40.0},
+        )
+    )
+    assert day > 1.8 * night
+    assert moon == night
+
+
+def test_a_narrow_bundle_does_not_hide_what_is_below(shoot):
+    """Rays side by side in a beam of a few pixels once added up to an opaque band."""
+    strengths = []
+    for width in (1.0, 0.01):
+        paths = straight(n=40)
+        paths.vertex[..., 0] *= width
+        plotter, _ = shoot(received=paths, footprint=False)
+        mappers = [getattr(actor, "mapper", None) for actor in plotter.actors.values()]
+        rays = [getattr(mapper, "dataset", None) for mapper in mappers]
+        tints = [d["tint"] for d in rays if d is not None and "tint" in d.array_names]
+        gold = [t[:, 3].max() for t in tints if (t[:, :3] == (255, 176, 46)).all()]
+        strengths.append(max(gold))
+    assert strengths[1] < 0.7 * strengths[0]
+
+
+def test_a_caption_breaks_between_clauses(shoot):
+    plotter, _ = shoot()
+    before = len(plotter.actors)
+    clause = "a clause of some length and of one colour"
+    add_caption(plotter, "; ".join(6 * [clause]))
+    lines = [a.input for a in list(plotter.actors.values())[before:]]
+    assert len(lines) > 1
+    assert all(
+        line.replace("\N{NO-BREAK SPACE}", " ").strip("; ").endswith(clause) for line in lines
+    )

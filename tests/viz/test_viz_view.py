@@ -41,7 +41,7 @@ def test_view_of_a_mesh(tmp_path):
 def test_view_of_a_sea_without_a_link(tmp_path):
     style = viz.SceneStyle(off_screen=True, spacing=0.5, window_size=(320, 200))
     plotter = viz.scene(None, SEA, style=style)
-    assert plotter.caption == "JONSWAP sea, wind 5 m/s, seed 7, t = 0.00 s"
+    assert plotter.caption == "JONSWAP sea, wind 5 m/s, seed 7, t = 0.00 s, Hs 0.54 m"
     assert plotter.stage.half == 20.0
     # the waves lie on the stage
     heights = SEA.mesh(extent=20.0, spacing=0.5).vertices[:, 2]

@@ -199,13 +199,14 @@ def test_captions_state_link_sea_and_gain():
     text = scenes.caption(mt.Link(), SEA, 2.5, gain)
     assert text == (
         "LED at depth 10 m to receiver at height 5 m; JONSWAP sea, wind 13 m/s, seed 7, "
-        f"t = 2.50 s; gain {gain.gain:.2e} ± {gain.gain_stderr:.0e}"
+        f"t = 2.50 s, Hs 1.3 m; gain {gain.gain:.2e} ± {gain.gain_stderr:.0e}"
     )
     # mostly noise: a reader would take it for the gain
     noisy = replace(gain, gain_stderr=0.2 * gain.gain)
     dark = replace(gain, gain=0.0, gain_stderr=0.0)
     assert "gain" not in scenes.caption(mt.Link(), SEA, 2.5, noisy)
     assert "gain" not in scenes.caption(mt.Link(), SEA, 2.5, dark)
+    assert scenes.caption(mt.Link(), SEA, 2.5, dark).endswith("; no light received")
     down = scenes.caption(mt.Link().mirrored(), FlatSea(), 0.0, None)
     assert down.endswith("at depth 10 m; flat sea")
     assert "at height 5 m" in down
