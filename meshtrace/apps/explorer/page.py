@@ -193,7 +193,7 @@ class Page:
             text = f"internal error: {type(error).__name__}: {one_line(error)}"
             logging.getLogger(__name__).error(text)
         with self.server.state as page:
-            page.refused = text
+            page.refused = {"": text}
 
     def show_text(self, kind: str) -> None:
         """Show the link as TOML or as Python, to be copied."""
@@ -286,7 +286,7 @@ class Page:
         self.session.forget()
         refused = self._refused(values) if values else {}
         page = self.server.state
-        page.refused = "; ".join(map(str, refused.values()))
+        self._tell(refused)
         page.update(self.session.state.settings)
         self._refresh()
         self.seek(time if isinstance(time, float) and math.isfinite(time) else 0.0)
@@ -297,7 +297,7 @@ class Page:
         page.trame__title, page.trame__template_main = "meshtrace explorer", _TEMPLATE
         page.update(state.settings | {"title": title, "base": base, "colors": COLORS})
         page.update({"controls": groups(), "labels": readings.LABELS})
-        page.update(dict.fromkeys(("refused", "text", "text_title"), ""))
+        page.update(dict.fromkeys(("text", "text_title"), "") | {"refused": {}})
         page.update(dict.fromkeys(("playing", "text_shown", "design_shown"), False))
         page.update(dict.fromkeys(("kept", "design", "designing")))
         self._refresh()
@@ -311,7 +311,7 @@ class Page:
         if not moves:
             return
         refused = self._refused(moves)
-        page.refused = "; ".join(map(str, refused.values()))
+        self._tell(refused)
         settings = self.session.state.settings
         # to the page: all controls after a refusal, else those that a move of others has changed
         page.update(
@@ -335,6 +335,13 @@ class Page:
             for name, value in moves.items():
                 refused |= self._refused({name: value})
         return refused
+
+    def _tell(self, refused: dict[str, Refused]) -> None:
+        """Show refusals below their fields, those of no field over the scene."""
+        texts = {name: readings.refusal(name, error) for name, error in refused.items()}
+        told = {name: text for name, text in texts.items() if name in BY_NAME}
+        rest = "; ".join(text for name, text in texts.items() if name not in told)
+        self.server.state.refused = told | ({"": rest} if rest else {})
 
     def _resync_soon(self) -> None:
         """Resend refused controls when they have come to rest, and again after their next value.

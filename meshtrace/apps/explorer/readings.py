@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -16,7 +17,7 @@ from matplotlib.colors import to_hex
 import meshtrace
 from meshtrace import CoverageMap, surfaces
 from meshtrace.apps.designs.page import PERIODS, BestValue, Design, Reach
-from meshtrace.apps.explorer.controls import BY_NAME, CHOICES, State
+from meshtrace.apps.explorer.controls import BY_NAME, CHOICES, State, in_words
 from meshtrace.apps.explorer.stages import (
     DURATION,
     FADING_RATE,
@@ -198,6 +199,34 @@ def fading_reading(session: Session) -> dict[str, Any]:
     }
 
 
+def refusal(name: str, error: Refused) -> str:
+    """Return the refusal of a control in words of the page and its unit.
+
+    Examples
+    --------
+    >>> refusal("fov", Refused("receiver.fov_deg", 400.0, "0 < fov_deg <= 180"))
+    'Field of view: above 0 to 180 degrees'
+    """
+    control = BY_NAME.get(name)
+    if control is None:
+        return str(error)
+    last = re.split(r"[.\[\]]+", error.field.rstrip("]"))[-1]
+    if last not in {name, *(key.rpartition(".")[2] for key in control.keys)}:
+        return f"{control.label}: {error}"  # what its value makes of another part of the link
+    text, unit = error.allowed, {"deg": "degrees"}.get(control.unit, control.unit)
+    if limits := re.match(r"(?:(\S+) (<=?) \w+ (<=?) ([^\s,]+)|(>=?) (\S+))", text):
+        low, above, below, high, only, least = limits.groups()
+        ends = [f"{float(end) * control.per_unit:g}" for end in (low or least, high or "inf")]
+        text = "above " * ("<" == above or ">" == only) + ends[0]
+        text += " or more" * (only == ">=")
+        text += f" to {'below ' * (below == '<')}{ends[1]}" if ends[1] != "inf" else ""
+        text = f"{text} {unit}".rstrip()
+    return f"{control.label}: {_PLAIN.get(text, text)}"
+
+
+_PLAIN = {"an integer": "a whole number", "finite numbers": "a number"}
+
+
 def differences(before: State, now: State) -> list[str]:
     """Return the controls in which two states differ, as lines "label: A, B unit"."""
     a, b = before.settings, now.settings
@@ -207,7 +236,7 @@ def differences(before: State, now: State) -> list[str]:
             values = ", ".join("–" if v is None else f"{v:g}" for v in (a[name], b[name]))
             lines.append(f"{control.label}: {values} {control.unit}".rstrip())
     words = [n for n in CHOICES if a[n] != b[n]]
-    lines += [f"{CHOICES[n].label}: {a[n]}, {b[n]}" for n in words]
+    lines += [f"{CHOICES[n].label}: {in_words(a[n])}, {in_words(b[n])}" for n in words]
     return lines or ["Move a control: this state stays as A."]
 
 

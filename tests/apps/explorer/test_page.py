@@ -24,6 +24,7 @@ from meshtrace.scenario import Scenario
 pytestmark = [pytest.mark.browser, pytest.mark.process, pytest.mark.thorough]
 
 PAPER = Scenario.from_toml("")
+FOV = "Field of view: above 0 to 180 degrees"
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +70,7 @@ def page(browser):
     reset = {
         "text_shown": False,
         "playing": False,
-        **dict.fromkeys(controls.CHOICES, controls.GIVEN),
+        **controls.State(PAPER).words,
     }
     for name, value in reset.items():
         browser.execute_script("window.trame.state.set(arguments[0], arguments[1])", name, value)
@@ -315,7 +316,7 @@ def test_a_link_restores_the_state(page, url):
         assert shown(other, "depth") == "11.5"
         told = other.find_element("id", "refused").text
         assert "hieght" in told
-        assert "fov_deg: 400" in told
+        assert other.find_element("id", "refused-fov").text == FOV
 
 
 @pytest.mark.slow
@@ -423,11 +424,11 @@ def test_sliders_and_words_offer_what_the_link_allows(page):
     most = lambda: page.execute_script("return document.getElementById('slider-half_angle').max")  # noqa: E731
     barred = page.find_element("css selector", "#water option[value='petzold-coastal']")
     assert (most(), barred.is_enabled()) == ("80", False)
-    assert barred.text == "petzold-coastal (476.5 to 551.5 nm)"
+    assert barred.text == "coast (Petzold) (476.5 to 551.5 nm)"
     enter(page, "half_angle", 70)
     page.find_element("css selector", "#lamp option[value='laser']").click()
     until(lambda: (most(), shown(page, "half_angle")) == ("59.5", "59.5"), "a wider laser")
-    assert page.find_elements("id", "refused") == []
+    assert page.find_elements("css selector", ".mt-refused") == []
     enter(page, "wavelength", 515)
     until(barred.is_enabled, "no water at its wavelength")
 
@@ -543,17 +544,27 @@ def test_dragging_writes_the_same_state(page, view, part, names):
 
 
 def test_a_refused_value_says_so_and_the_state_stays(page):
+    places = (
+        "return [...document.querySelectorAll('.mt-number')]"
+        ".map((e) => e.getBoundingClientRect().top)"
+    )
+    before = page.execute_script(places)
     enter(page, "fov", 400)
-    until(lambda: page.find_elements("id", "refused"), "no message")
-    assert "fov_deg: 400" in page.find_element("id", "refused").text
+    until(lambda: page.find_elements("id", "refused-fov"), "no message")
+    told, field = page.find_element("id", "refused-fov"), page.find_element("id", "fov")
+    assert told.text == FOV
+    assert field.get_attribute("aria-describedby") == "refused-fov"
+    assert 0.0 <= told.rect["y"] - field.rect["y"] - field.rect["height"] < 12.0
+    assert page.execute_script(places) == before
     until(lambda: shown(page, "fov") == "60", "the field keeps the refused value")
     enter(page, "wind", 80)
-    until(lambda: "wind_speed: 80" in page.find_element("id", "refused").text, "not told")
+    until(lambda: page.find_elements("id", "refused-wind"), "not told")
+    assert page.find_element("id", "refused-wind").text == "Wind: 0 to 60 m/s"
     until(lambda: shown(page, "wind") == "5", "the field keeps the refused value")
     assert gain_is(page, {})
     time.sleep(1.5)  # the page sends both controls once more: a value of that moment is lost
     enter(page, "fov", 59)
-    until(lambda: not page.find_elements("id", "refused"), "the message stays")
+    until(lambda: not page.find_elements("css selector", ".mt-refused"), "the message stays")
     until(lambda: gain_is(page, {"fov": 59.0}), "another gain")
 
 
@@ -571,7 +582,7 @@ def test_a_value_after_a_refused_one_stays(page):
 def test_a_value_typed_while_a_refused_field_is_sent_again_stays(page):
     """All controls were once sent again: the value of another was lost."""
     page.execute_script("trame.state.set('fov', 400); trame.state.flush()")
-    until(lambda: page.find_elements("id", "refused"), "no message")
+    until(lambda: page.find_elements("id", "refused-fov"), "no message")
     page.execute_script("trame.state.set('depth', 12)")  # on its way, half a second later
     time.sleep(1.0)
     page.execute_script("trame.state.flush()")
@@ -729,7 +740,7 @@ def test_a_move_keeps_the_view_of_the_user_and_home_returns(page):
     assert view_of(page) == turned
     page.find_element("id", "home").click()  # by day towards the sun, for its glint
     until(lambda: view_of(page)["azimuth"] == pytest.approx(203.0), "away from the sun")
-    page.find_element("css selector", "#light option[value='as given']").click()
+    page.find_element("css selector", "#light option[value='none']").click()
     until(lambda: view_of(page)["azimuth"] == home["azimuth"], "another view")
 
 
