@@ -8,7 +8,7 @@ import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Self, get_args
 
@@ -27,6 +27,17 @@ Table = dict[str, Any]
 
 OWN = "own"
 """Word for a part of the link at the start that no word of its choice describes."""
+
+
+@cache
+def start_of(name: str) -> Scenario:
+    """Return one of the links to start from, at the time of its answer."""
+    return begun_at(Scenario.from_config(STARTS[name]["link"]), STARTS[name]["time"])
+
+
+def begun_at(scenario: Scenario, time: float) -> Scenario:
+    """Return a scenario at another time of its sea [s]."""
+    return scenario.replace(meshing=scenario.meshing.replace(time=time))
 
 
 class Control(Model, frozen=True):
@@ -64,9 +75,12 @@ class Control(Model, frozen=True):
     per_unit: float = 1.0
 
 
-_FILE = tomllib.loads(
-    Path(__file__).with_name("assets").joinpath("controls.toml").read_text(encoding="utf-8")
-)
+def _asset(name: str) -> Table:
+    """Return the tables of a file of the explorer."""
+    return tomllib.loads(Path(__file__).with_name("assets").joinpath(name).read_text("utf-8"))
+
+
+_FILE, STARTS = _asset("controls.toml"), _asset("starts.toml")
 
 CONTROLS = tuple(Control.model_validate(row | {"name": n}) for n, row in _FILE["numbers"].items())
 """All controls with a number, in the order of the page."""

@@ -17,7 +17,8 @@ from matplotlib.colors import to_hex
 import meshtrace
 from meshtrace import CoverageMap, surfaces
 from meshtrace.apps.designs.page import PERIODS, BestValue, Design, Reach
-from meshtrace.apps.explorer.controls import BY_NAME, CHOICES, State, in_words
+from meshtrace.apps.explorer import stages
+from meshtrace.apps.explorer.controls import BY_NAME, CHOICES, STARTS, State, in_words
 from meshtrace.apps.explorer.stages import (
     DURATION,
     FADING_RATE,
@@ -106,6 +107,25 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
             reading |= {"value": now, "gain": f"{now:.3e}", "db": decibels(now)}
     moving = series if isinstance(series, Fading) and session.fresh("fading") else None
     return reading | _bits(answer) | verdict(answer, moving)
+
+
+def starts() -> list[dict[str, str]]:
+    """Return heading, words, margin and verdict of each of the links to start from."""
+    return [
+        {"name": name, "title": start["title"], "words": start["words"],
+         "verdict": start["verdict"], "margin": minus(f"{start['margin']:+.1f} dB")}
+        for name, start in STARTS.items()
+    ]  # fmt: skip
+
+
+def answer_of_start(link: Scenario) -> dict[str, Any]:
+    """Compute quiet time [s], margin [dB] and verdict of a link to start from."""
+    time = stages.quiet_time(link)
+    state = State(link).at(time)
+    *_, signal = stages.gains(state, lambda *_: None)
+    *_, series = stages.fading(state, lambda *_: None)
+    answer = verdict(signal, series)["verdict"]
+    return {"time": time, "margin": round(_margin(signal.detector, signal), 1), "verdict": answer}
 
 
 def verdict(signal: Signal, series: Fading | None) -> dict[str, str]:

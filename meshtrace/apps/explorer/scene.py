@@ -13,10 +13,11 @@ from scipy.stats import norm
 from meshtrace import CoverageMap, MeshSource, PhotonPaths, TriangleMesh
 from meshtrace.apps.explorer.controls import State
 from meshtrace.daylight import Daylight
-from meshtrace.link import Link, Source, WaterSource
+from meshtrace.link import Link, Source, WaterSource, Whitecaps
 from meshtrace.link.sources import AirLamp
 from meshtrace.models import Floats
 from meshtrace.optics import Water
+from meshtrace.surfaces import statistics
 from meshtrace.viz import Stage, parts
 from meshtrace.viz.scenes import longest_left_out, path_segments, wind_of
 from meshtrace.viz.stage import stage_of
@@ -54,6 +55,7 @@ _TEXELS = 256
 _CORE = 0.5  # share of white in rays of received light: brighter than the beam around them
 _NEW_FRAME = (0.6, 1.1)  # sizes of the stage, relative to that framed, that keep the camera
 _NEW_SQUARE = (0.75, 1.25)  # half-widths, relative to that of the present sea, that keep it
+_WIDEST = 4.0  # tuned: half-width of the block, over that of its link
 _OFF_CENTER = 0.2  # distance of the centres, over the half-width, that keeps it
 _NM = (400.0, 440.0, 480.0, 510.0, 570.0, 620.0, 700.0)
 _COLORS = ((0.3, 0.1, 1), (0.1, 0.25, 1), (0.1, 0.6, 1), (0.1, 1, 0.45), (0.8, 1, 0.1),
@@ -127,10 +129,11 @@ class LiveScene:
             link = state.scenario.link
             ends = (*link.transmitters, *link.receivers)
             # depths are read at the distance of the first end that is in the water
-            deep = next((end.center for end in ends if end.center[2] < 0.0), stage.center)
+            low = (*stage.center, stage.bottom)
+            deep = next((end.center for end in ends if end.center[2] < 0.0), low)
             self._set("stage", {"center": stage.center, "half": stage.half, "top": stage.top,
                                 "bottom": stage.bottom, "framing": self._framing,
-                                "pole": list(deep[:2])})  # fmt: skip
+                                "pole": list(deep[:2]), "deep": -deep[2]})  # fmt: skip
             self._set("look", self._look(state, mesh))
             self._set("link", _link(link, stage))
             self._set("bodies", _bodies(link, stage))
@@ -172,9 +175,9 @@ class LiveScene:
     def views(self, state: State) -> dict[str, Any]:
         """Return the data of the side view and the plan: limits, lamp, receiver and waves [m].
 
-        With the colour of the light of the lamp.
+        With the colour of the light of the lamp, and the sea in words.
         """
-        stage, link = self.stage, state.scenario.link
+        stage, link = self.link_stage, state.scenario.link
         (x, y), half = stage.center, stage.half
         lamp, receiver = link.transmitters[0], link.receivers[0]
         room = 0.05 * (stage.top - stage.bottom)  # for the marks of lamp and receiver
@@ -194,6 +197,7 @@ class LiveScene:
             },
             "lamp_color": _shade(lamp, 0.12),
             "received_color": _shade(lamp, _CORE),
+            "sea": self._sea,
         }
 
     def _set(self, name: str, value: Any) -> None:
@@ -203,15 +207,21 @@ class LiveScene:
 
     def _place(self, state: State) -> None:
         """Take over the link and the sea of a state."""
-        if self._key == state.moves and self._key is not None:
+        if self._key == (state.moves, state.initial):
             return
         case = state.channel.case()
-        self._surface, self._key = case.surface, state.moves
-        stage = stage_of(case.link, case.surface, None)
+        self._surface, self._key = case.surface, (state.moves, state.initial)
+        self.link_stage = stage_of(case.link, case.surface, None)
+        wave, words = _peak_wave(case.surface)
+        self._foam, words_of_foam = _foam_of(case.link, wind_of(case.surface)[0])
+        self._sea = words + words_of_foam
+        # two waves of the peak, as far as the link stays large enough to be seen
+        half = self.link_stage.half
+        stage = self.link_stage._replace(half=max(half, min(wave, _WIDEST * half)))
         self.stage = self._on_square(stage)
         # a camera that jumps at every move of a slider would lose the reader
-        if not _NEW_FRAME[0] < stage.size / max(self._framed, 1e-9) < _NEW_FRAME[1]:
-            self._framed, self._framing = stage.size, self._framing + 1
+        if not _NEW_FRAME[0] < self.stage.size / max(self._framed, 1e-9) < _NEW_FRAME[1]:
+            self._framed, self._framing = self.stage.size, self._framing + 1
 
     def _on_square(self, stage: Stage) -> Stage:
         """Return the stage over the present square of the sea if both are of similar size.
@@ -260,7 +270,7 @@ class LiveScene:
         upwelling = math.pi * WATER_BRIGHTNESS * sea_light.upwelling
         inside = np.array(_LEAST_INSIDE) * min(1.0, _MOST_INSIDE / float(upwelling.max()))
         # streaks are Gaussian: foam is where they exceed the quantile of its share
-        foam = 1.1 * norm.ppf(1.0 - sea_light.foam) if sea_light.foam > 0.0 else 100.0
+        foam = 1.1 * norm.ppf(1.0 - self._foam) if self._foam > 0.0 else 100.0
         glint = 0.0 if day is _DUSK else day.direct / day.irradiance
         return {
             "waves": tile, "rest": tile["rest"], "sky": _sky_image(day), "sun": list(day.sun),
@@ -272,6 +282,26 @@ class LiveScene:
             "height": max(float(mesh.vertices[:, 2].std()), 0.02),
             "steepness": float(slopes.var(axis=0).sum()),
         }  # fmt: skip
+
+
+def _foam_of(link: Link, wind_speed: float | None) -> tuple[float, str]:
+    """Return the share of foam by Monahan, and in words with that which the gain has."""
+    caps = link.whitecaps or Whitecaps(wind_speed=min(wind_speed or 0.0, 30.0))
+    share = 1.0 - caps.replace(model="monahan80").transmittance
+    in_gain = 0.0 if link.whitecaps is None else 1.0 - caps.transmittance
+    other = f", {100.0 * in_gain:.2g} % in the gain" if abs(in_gain - share) > 0.1 * share else ""
+    return share, f"foam {100.0 * share:.2g} %{other}"
+
+
+@lru_cache(maxsize=4)
+def _peak_wave(surface: Any) -> tuple[float, str]:
+    """Return the length of the waves at the peak of a spectrum [m], and heights and periods."""
+    spectrum = getattr(surface, "spectrum", None)
+    if spectrum is None:
+        return 0.0, ""
+    period = statistics.tp(spectrum)
+    words = f"waves Hs {statistics.hs(spectrum):.2g} m, Tp {period:.2g} s, "
+    return 9.81 * period**2 / (2.0 * math.pi), words  # of deep water
 
 
 @lru_cache(maxsize=4)

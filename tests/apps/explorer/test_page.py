@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import warnings
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -74,8 +75,8 @@ def page(browser):
     }
     for name, value in reset.items():
         browser.execute_script("window.trame.state.set(arguments[0], arguments[1])", name, value)
-    if browser.execute_script("return trame.state.get('time')") != 0.0:
-        browser.execute_script("trame.trigger('seek', [0.0])")
+    if browser.execute_script("return trame.state.get('time')") != begun():
+        browser.execute_script("trame.trigger('seek', arguments)", begun())
     until(lambda: gain_is(browser, {}), "the page does not return to the paper's link")
     return browser
 
@@ -107,8 +108,15 @@ def idle(driver):
     return driver.find_element("id", "status").text == "up to date"
 
 
-def gain_is(driver, moves, time=0.0):
+@cache
+def begun():
+    """Return the time at which the page begins."""
+    return stages.quiet_time(PAPER)
+
+
+def gain_is(driver, moves, time=None):
     """Return whether the page shows the refined gain of a state, from a run of the library."""
+    time = begun() if time is None else time
     expected = expected_gain(tuple(sorted(moves.items())), time)
     return reading(driver) == pytest.approx(expected, rel=1e-12)
 
@@ -317,6 +325,22 @@ def test_a_link_restores_the_state(page, url):
         told = other.find_element("id", "refused").text
         assert "hieght" in told
         assert other.find_element("id", "refused-fov").text == FOV
+
+
+def test_a_card_starts_another_link(page):
+    """The six of them tell their margins, and the one that is chosen has it in its results."""
+    cards = page.find_elements("css selector", ".mt-starts button")
+    texts = {card.get_attribute("id"): card.text for card in cards}
+    assert list(texts) == [f"start-{name}" for name in controls.STARTS]
+    assert all(re.search(r"(closes|fades|dead)\s[+−]\d+\.\d dB$", t) for t in texts.values())
+    page.find_element("id", "start-deep").click()
+    margin = texts["start-deep"].split("\n")[-1]
+    shown_margin = lambda: page.find_element("id", "reading-margin").text == margin  # noqa: E731
+    until(lambda: shown_margin() and reading(page) is not None, "not its margin")
+    until(lambda: page.execute_script("return location.hash") == "#start=deep", "no address")
+    assert page.find_element("id", "verdict").text.startswith("Dead: ")
+    page.execute_script("trame.trigger('restore', [{}])")
+    until(lambda: gain_is(page, {}), "the link at the start does not return")
 
 
 @pytest.mark.slow
@@ -632,9 +656,9 @@ def text_of(driver):
 def test_time_runs_and_stops(page):
     before = picture(page, ".mt-scene")
     clock = lambda: float(page.find_element("id", "time").text.split()[2])  # noqa: E731
-    assert clock() == 0.0
+    assert clock() == begun()
     page.find_element("id", "play").click()
-    until(lambda: clock() > 1.0, "time stands still")
+    until(lambda: abs(clock() - begun()) > 1.0, "time stands still")
     assert (np.abs(picture(page, ".mt-scene") - before).sum(axis=2) > 30).mean() > 0.01
     page.find_element("id", "play").click()
 
@@ -708,7 +732,8 @@ def test_a_page_can_be_loaded_again_while_its_sea_runs(page):
     """Waves once arrived before the scene that holds them."""
     page.get_log("browser")
     page.find_element("id", "play").click()
-    until(lambda: page.execute_script("return trame.state.get('time')") > 0.3, "time stands still")
+    now = "return trame.state.get('time')"
+    until(lambda: page.execute_script(now) != begun(), "time stands still")
     page.refresh()
     until(lambda: page.find_elements("id", "time"), "no page")
     until(lambda: page.execute_script("return trame.refs.scene.view !== null"), "no scene")
@@ -749,12 +774,12 @@ def test_the_sea_runs_until_the_last_browser_has_left(page):
     """Two browsers of one session: the first to leave once stopped the sea of the other."""
     clock = lambda: float(page.find_element("id", "time").text.split()[2])  # noqa: E731
     page.find_element("id", "play").click()
-    until(lambda: clock() > 0.3, "time stands still")
+    until(lambda: clock() != begun(), "time stands still")
     with chromium(1400, 1043) as other:
         opened(other, page.current_url)
     time.sleep(1.0)
     left = clock()
-    until(lambda: clock() not in (0.0, left), "the sea stands since the other browser has left")
+    until(lambda: clock() not in (begun(), left), "the sea stands since the other browser has left")
     assert page.execute_script("return trame.state.get('playing')")
 
 
@@ -769,3 +794,34 @@ def test_the_ruler_reads_the_depth_of_the_lamp(browser):
     assert lamp[2] == -10.0
     assert heights[-10] == pytest.approx(at[1], abs=1.0)
     assert all(mark["at"][0] <= at[0] for mark in marks)
+
+
+@pytest.mark.parametrize("place", [{"height": 40.0}, {"height": 2.0, "depth": 1.0}])
+def test_the_lamp_is_seen_at_any_place(page, place):
+    """High receivers and shallow lamps once hid it behind the opaque sea."""
+    for name, value in place.items():
+        enter(page, name, value)
+    until(lambda: gain_is(page, place), "another gain")
+    page.find_element("id", "home").click()
+    sharp = "const c = document.querySelector('.mt-scene canvas'); return c.width === c.clientWidth"
+    until(lambda: page.execute_script(sharp), "a coarse scene")
+    x, y = page.execute_script(
+        "const s = trame.refs.scene; return s.onScreen(s.painter.models.now.link.lamps[0].at)"
+    )
+    shot = picture(page, ".mt-scene canvas").sum(axis=2)
+    row, column = round(y), round(x)
+    around = shot[row - 40 : row + 41, column - 40 : column + 41]
+    assert shot[row - 2 : row + 3, column - 2 : column + 3].mean() > 1.4 * np.median(around)
+
+
+def test_storm_and_calm_look_different(page):
+    """Foam and longer waves: 3 and 15 m/s were once told apart by the number alone."""
+    shots = {}
+    for wind in (3.0, 15.0):
+        enter(page, "wind", wind)
+        until(lambda: gain_is(page, {"wind": wind}), "another gain")  # noqa: B023
+        shots[wind] = picture(page, ".mt-scene canvas").sum(axis=2)
+    different = np.abs(shots[3.0] - shots[15.0]) > 60
+    assert different.mean() > 0.1
+    lit = [(shot[: shot.shape[0] // 2] > 330).mean() for shot in shots.values()]
+    assert lit[1] > 1.2 * lit[0]

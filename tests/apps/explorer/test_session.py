@@ -313,6 +313,42 @@ def test_warnings_are_notes_of_their_gain(session):
     assert session.answer("gain").notes == tuple(" ".join(str(w.message).split()) for w in caught)
 
 
+@pytest.mark.filterwarnings("ignore::meshtrace.FewSamplesWarning")
+@pytest.mark.parametrize("name", controls.STARTS)
+@pytest.mark.slow_but("calm", "deep")
+def test_the_margin_of_a_start_is_the_present_one(name):
+    """They are kept in a file: docs/scripts/make_explorer_starts.py makes them anew."""
+    start, state = controls.STARTS[name], controls.State(controls.start_of(name))
+    *_, signal = stages.gains(state.at(start["time"]), lambda *_: None)
+    margin = float(link_budget(signal.detector, signal.gain.gain, stages.LIMIT).margin_optical_db)
+    # the samples are the same: what other processors round differently is far below the digit
+    assert margin == pytest.approx(start["margin"], abs=0.06)
+    assert (start["verdict"] == "dead") == (margin < 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", controls.STARTS)
+def test_the_answers_of_a_start_are_the_present_ones(name):
+    start = controls.STARTS[name]
+    found = readings.answer_of_start(Scenario.from_config(start["link"]))
+    assert found == {key: start[key] for key in found}
+    assert {start["verdict"] for start in controls.STARTS.values()} == {"closes", "fades", "dead"}
+
+
+def test_the_sea_stands_quiet_at_the_start(monkeypatch):
+    """Seed 0 begins in a flash of 2.3 times the mean."""
+    monkeypatch.setattr(stages, "FADING_FRAMES", 96)
+    times = np.arange(0, stages.FADING_FRAMES, 2) / stages.FADING_RATE
+    gain = mt.time_series(PAPER, times, photons=stages.FADING_CHAINS).gain
+    time = stages.quiet_time(PAPER)
+    found = mt.time_series(PAPER, [0.0, time], photons=stages.FADING_CHAINS).gain / gain.mean()
+    assert found[0] > 1.8
+    assert found[1] == pytest.approx(1.0, abs=0.12)
+    assert stages.quiet_time(controls.begun_at(PAPER, 2.5)) == 2.5
+    assert stages.quiet_time(PAPER.replace(surface=mt.surfaces.FlatSea())) == 0.0
+
+
 @pytest.mark.filterwarnings("ignore::meshtrace.FewSamplesWarning")  # of the dead link
 def test_a_link_closes_fades_or_is_dead():
     """The verdict is that of the margin, and of the darkest moments of a moving sea."""
