@@ -289,7 +289,7 @@ class Page:
         self._state_a = (session.state, dict(self.scene.parts)) if present else None
         self._start_a = page.start
         reading, fading = readings.gain_reading(session), readings.fading_reading(session)
-        page.kept = {"reading": reading, "fading": fading, "lines": []} if present else None
+        page.kept = {"reading": reading, "fading": fading, "lines": [], "gain": "–"} if present else None
         self.server.js_call("scene", "keep", self._state_a[1] if self._state_a else None)
         self._refresh()
 
@@ -462,7 +462,10 @@ class Page:
         if time != session.state.initial.meshing.time:
             page.moves = page.moves | {"time": time}
         if self._state_a is not None:
-            page.kept = page.kept | {"lines": readings.differences(self._state_a[0], session.state)}
+            page.kept = page.kept | {
+                "lines": readings.differences(self._state_a[0], session.state),
+                "gain": readings.gain_difference(page.kept["reading"], page.reading),
+            }
 
     def _refresh_views(self) -> None:
         """Set the side view, the plan, the time and the colour bar."""

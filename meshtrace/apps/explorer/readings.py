@@ -32,6 +32,7 @@ from meshtrace.comms import OokLink
 from meshtrace.comms.budget import link_budget
 from meshtrace.daylight import Daylight
 from meshtrace.errors import Refused
+from meshtrace.link import Link
 from meshtrace.models import Model, modules_of
 from meshtrace.optics import Water
 from meshtrace.scenario import MeshFile, Scenario
@@ -59,8 +60,8 @@ LABELS = {
 }
 """Labels of the tables of the page."""
 
+_MAP_DB = 20.0  # range of the colours of a map below its peak
 _NO_BITS = dict.fromkeys(BITS, "–")
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: ""}
 
 
@@ -75,10 +76,12 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
         Whether the sea runs: the gain is then that of the series.
     """
     answer = session.answer("gain")
-    empty: dict[str, Any] = dict.fromkeys(("gain", "db", "unscattered", "chains"), "–")
+    empty: dict[str, Any] = dict.fromkeys(("db", "unscattered", "chains"), "–")
     empty |= {
         "notes": [],
+        "budget": [],
         "value": None,
+        "error": "",
         "lean": _lean(session.state),
         "verdict": "",
         "verdict_text": "",
@@ -93,7 +96,8 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
         sample, share = "chains", f"{100.0 * unscattered / gain if gain > 0.0 else 0.0:.1f} %"
     reading = empty | {
         "value": gain,
-        "gain": with_error(gain, float(result.stderrs[0])),
+        "error": f"± {_digit(_error_db(gain, float(result.stderrs[0])))} dB" if gain > 0.0 else "",
+        "stderr": float(result.stderrs[0]),
         "db": decibels(gain),
         "unscattered": share,
         "chains": f"{result.photons} {sample}",
@@ -104,8 +108,9 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
         gaps = np.abs(series.time - session.state.time)
         now = float(np.interp(session.state.time, series.time, series.gain))
         if len(gaps) and gaps.min() < 1.0 / FADING_RATE:  # not within a gap of the series
-            reading |= {"value": now, "gain": f"{now:.3e}", "db": decibels(now)}
+            reading |= {"value": now, "error": "", "db": decibels(now)}
     moving = series if isinstance(series, Fading) and session.fresh("fading") else None
+    reading["budget"] = budget(answer, session.state.scenario.link)
     return reading | _bits(answer) | verdict(answer, moving)
 
 
@@ -146,6 +151,48 @@ def verdict(signal: Signal, series: Fading | None) -> dict[str, str]:
         if short > 0.0:
             return {"verdict": "fades", "verdict_text": f"Fades: too dark in {100.0 * short:.2g} %"}
     return {"verdict": "closes", "verdict_text": f"Closes: {margin:.1f} dB to spare"}
+
+
+def budget(signal: Signal, link: Link) -> list[dict[str, Any]]:
+    """Return the steps from the power of the lamp to the margin: names, texts and ends of bars.
+
+    The ends are percentages of the range of powers; the steps add up.
+    """
+    if signal.detector is None or not signal.gain.gains[0] > 0.0:
+        return []
+    parts = link_budget(signal.detector, float(signal.gain.gains[0]), LIMIT)
+    lamp, received = parts.transmitted_dbm, float(parts.received_dbm)
+    margin = received - parts.required_dbm
+    if not math.isfinite(margin):
+        return []
+    rest = float(parts.gain_db)
+    steps = []
+    ends = [getattr(end, "center", None) for end in (link.transmitters[0], link.receivers[0])]
+    if link.water.layers is None and None not in ends and ends[0][2] * ends[1][2] < 0.0:
+        # along the straight line between the ends, its part in the water
+        share = -min(ends[0][2], ends[1][2]) / abs(ends[0][2] - ends[1][2])
+        water = -10.0 / math.log(10.0) * link.water.c * share * math.dist(*ends)
+        steps, rest = [("lost in the water", water)], rest - water
+        unscattered = signal.gain.gain_ballistic
+        if unscattered is not None and (direct := float(np.ravel(unscattered)[0])) > 0.0:
+            back = 10.0 * math.log10(signal.gain.gains[0] / direct)
+            steps, rest = [*steps, ("scattered in", back)], rest - back
+    steps += [("spread, surface", rest), ("lens, filter", parts.concentration_db + parts.filter_db)]
+    lines, level = [("lamp", f"{lamp:.1f} dBm", None, lamp, "end")], lamp
+    for name, change in steps:
+        lines.append((name, f"{change:+.1f} dB", level, level + change, "step"))
+        level += change
+    lines += [("received", f"{received:.1f} dBm", None, received, "end"),
+              ("needed", f"{parts.required_dbm:.1f} dBm", None, parts.required_dbm, "end"),
+              ("margin", f"{margin:+.1f} dB", parts.required_dbm, received, "margin")]  # fmt: skip
+    levels = [line[3] for line in lines]
+    low, high = min(levels) - 0.06 * (max(levels) - min(levels)), max(levels)
+    place = [100.0 * (level - low) / (high - low) for level in levels]
+    begin = [0.0 if line[2] is None else 100.0 * (line[2] - low) / (high - low) for line in lines]
+    return [
+        {"name": name, "text": minus(text), "kind": kind, "left": min(a, b), "width": abs(b - a)}
+        for (name, text, _, _, kind), a, b in zip(lines, begin, place, strict=True)
+    ]
 
 
 def _margin(detector: OokLink, signal: Signal) -> float:
@@ -203,15 +250,21 @@ def fading_reading(session: Session) -> dict[str, Any]:
         return empty | {"note": str(fading)}
     if not isinstance(fading, Fading) or not fading.gain.any():
         return empty
-    relative = fading.gain / fading.gain.mean()
+    shines, mean = fading.gain > 0.0, fading.gain.mean()
+    relative = fading.gain / mean
+    signal, lacks = session.answer("gain"), math.nan
+    if isinstance(signal, Signal) and signal.detector is not None and session.fresh("gain"):
+        lacks = 10.0 * math.log10(max(signal.gain.gains[0], 1e-300) / mean)
+        lacks -= _margin(signal.detector, signal)
     index = "…"
     if fading.index is not None:
         low, high = max(fading.index.low, 0.0), fading.index.high
         index = f"{fading.index.value:#.2g} ({low:#.2g} … {high:#.2g})"
     return {
-        "time": fading.time.tolist(),
-        "gain": [round(float(g), 5) for g in relative],
+        "time": fading.time[shines].tolist(),
+        "gain": np.round(10.0 * np.log10(relative[shines]), 4).tolist(),
         "duration": DURATION,
+        "least": lacks if math.isfinite(lacks) else None,
         "index": index,
         "all_waves": "–" if fading.index_of_all is None else f"{fading.index_of_all:#.2g}",
         "low": decibels(float(relative.min())),
@@ -247,6 +300,34 @@ def refusal(name: str, error: Refused) -> str:
 _PLAIN = {"an integer": "a whole number", "finite numbers": "a number"}
 
 
+def gain_difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> str:
+    """Return the gain of reading B over that of A in decibels, with its standard error.
+
+    The errors of both runs are taken for independent.
+
+    Examples
+    --------
+    >>> gain_difference({"value": 2e-5, "stderr": 4e-8}, {"value": 1e-5, "stderr": 3e-8})
+    '−3.01 ± 0.02 dB'
+    """
+    if not (a["value"] and b["value"]):
+        return "–"
+    error = math.hypot(*(_error_db(r["value"], r["stderr"]) for r in (a, b)))
+    change = 10.0 * math.log10(b["value"] / a["value"])
+    digits = max(_digit(error)[::-1].find("."), 2)
+    return f"{minus(f'{change:+.{digits}f}')} ± {_digit(error)} dB"
+
+
+def _error_db(value: float, stderr: float) -> float:
+    """Return the standard error of a value in decibels."""
+    return 10.0 / math.log(10.0) * stderr / value
+
+
+def _digit(error: float) -> str:
+    """Return an error with its first digit, at least hundredths."""
+    return f"{error:.{min(max(2, -math.floor(math.log10(error))), 4) if error > 0.0 else 2}f}"
+
+
 def differences(before: State, now: State) -> list[str]:
     """Return the controls in which two states differ, as lines "label: A, B unit"."""
     a, b = before.settings, now.settings
@@ -267,10 +348,11 @@ def map_note(session: Session) -> str:
 
 
 def map_shades(coverage: CoverageMap) -> Any:
-    """Return the colours (nx, ny, 4) of a map over its peak, translucent if dark."""
+    """Return the colours (nx, ny, 4) of a map in decibels below its peak, translucent if dark."""
     from matplotlib import colormaps
 
-    share = coverage.gain / max(float(coverage.gain.max()), 1e-300)
+    relative = np.maximum(coverage.gain / max(float(coverage.gain.max()), 1e-300), 1e-30)
+    share = np.clip(1.0 + 10.0 * np.log10(relative) / _MAP_DB, 0.0, 1.0)
     shades = (255.0 * colormaps["viridis"](share)).astype(np.uint8)
     # a dark map lets the scene below it through
     shades[..., 3] = np.rint(255.0 * np.clip(0.1 + 1.2 * share, 0.0, 0.92))
@@ -288,11 +370,11 @@ def map_image(coverage: CoverageMap) -> dict[str, Any]:
     half = 0.5 * (coverage.x[1] - coverage.x[0])
     low, high = float(coverage.x[0] - half), float(coverage.x[-1] + half)
     i, j = np.unravel_index(int(coverage.gain.argmax()), coverage.gain.shape)
-    peak = f"{coverage.gain[i, j]:.2e}"
+    peak = float(coverage.gain[i, j])
     return {
         "url": f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}",
-        "x0": low, "x1": high, "y0": low, "y1": high, "most": peak,
-        "peak": f"{peak} at ({coverage.x[i]:.1f}, {coverage.y[j]:.1f}) m",
+        "x0": low, "x1": high, "y0": low, "y1": high, "most": decibels(peak, 0), "least": decibels(peak * 10.0 ** (-0.1 * _MAP_DB), 0),
+        "peak": f"{decibels(peak)} at ({coverage.x[i]:.1f}, {coverage.y[j]:.1f}) m",
         "colors": [to_hex(colormaps["viridis"](v)) for v in np.linspace(0, 1, 9)],
     }  # fmt: skip
 
@@ -304,27 +386,7 @@ def caption(session: Session) -> str:
     return f"meshtrace: {scenes.caption(scenario.link, scenario.surface, time, gain)}"
 
 
-def with_error(value: float, error: float) -> str:
-    """Return a number with its error to two digits, as in 5.804 ± 0.012 × 10⁻⁵.
-
-    Examples
-    --------
-    >>> with_error(5.8047e-05, 8.1e-08)
-    '(5.8047 ± 0.0081) × 10⁻⁵'
-    >>> with_error(0.0, 0.0)
-    '0'
-    """
-    if value <= 0.0 or not math.isfinite(value):
-        return f"{value:g}"
-    # both numbers over one power of ten, so that their digits can be compared
-    exponent = math.floor(math.log10(value))
-    value, error = value / 10.0**exponent, error / 10.0**exponent
-    digits = 4 if error <= 0.0 else min(max(1 - math.floor(math.log10(error)), 0), 6)
-    raised = str(exponent).translate(_RAISED)
-    return f"({value:.{digits}f} ± {error:.{digits}f}) × 10{raised}"
-
-
-def decibels(ratio: float) -> str:
+def decibels(ratio: float, digits: int = 2) -> str:
     """Return a ratio in decibels.
 
     Examples
@@ -334,7 +396,7 @@ def decibels(ratio: float) -> str:
     """
     if ratio <= 0.0:
         return "none"
-    return minus(f"{10.0 * math.log10(ratio):.2f} dB")
+    return minus(f"{10.0 * math.log10(ratio):.{digits}f} dB")
 
 
 def minus(number: str) -> str:

@@ -289,8 +289,8 @@ def _foam_of(link: Link, wind_speed: float | None) -> tuple[float, str]:
     caps = link.whitecaps or Whitecaps(wind_speed=min(wind_speed or 0.0, 30.0))
     share = 1.0 - caps.replace(model="monahan80").transmittance
     in_gain = 0.0 if link.whitecaps is None else 1.0 - caps.transmittance
-    other = f", {100.0 * in_gain:.2g} % in the gain" if abs(in_gain - share) > 0.1 * share else ""
-    return share, f"foam {100.0 * share:.2g} %{other}"
+    other = f" ({100.0 * in_gain:.2g} % in the gain)" if abs(in_gain - share) > 0.1 * share else ""
+    return share, f"foam {100.0 * share:.2g} % by Monahan{other}"
 
 
 @lru_cache(maxsize=4)

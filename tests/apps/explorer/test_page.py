@@ -227,6 +227,36 @@ def test_a_narrow_window_has_one_column_with_the_scene_on_top(page, width, colum
         page.execute_script("scrollTo(0, 0)")
 
 
+def test_a_phone_held_across_has_no_bar_below(page):
+    sized(page, 844, 390)
+    until(lambda: page.execute_script("return innerWidth") == 844, "another width")
+    assert page.execute_script("return document.documentElement.scrollWidth") <= 844
+
+
+def test_few_stops_lead_to_the_side_view(page):
+    """There were once 60, and no link past them."""
+    stops = page.execute_script(
+        "return [...document.querySelectorAll('a[href],button,input,select,summary,[tabindex]')]"
+        ".filter((e) => e.tabIndex >= 0 && !e.disabled && !e.closest('dialog'))"
+        ".findIndex((e) => e.closest('#side'))"
+    )
+    assert 0 < stops <= 25
+    for name in ("views", "controls", "results"):
+        page.find_element("css selector", f".mt-skip a[href='#{name}']").send_keys("\n")
+        assert page.switch_to.active_element.get_attribute("id") == name
+    assert page.execute_script("return location.hash") == ""
+
+
+def test_nothing_moves_by_itself_where_that_is_asked(page):
+    features = [{"name": "prefers-reduced-motion", "value": "reduce"}]
+    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+    moving = (
+        "return [...document.querySelectorAll('.mt-page *')].map((e) => getComputedStyle(e))"
+        ".filter((s) => s.animationName !== 'none' || s.transitionDuration !== '0s').length"
+    )
+    assert page.execute_script(moving) == 0
+
+
 def test_the_page_can_be_enlarged(page):
     content = page.find_element("css selector", "meta[name=viewport]").get_attribute("content")
     assert "width=device-width" in content
@@ -352,7 +382,11 @@ def test_two_states_stand_side_by_side(page):
     enter(page, "depth", 12.0)
     until(lambda: gain_is(page, {"depth": 12.0}), "another gain")
     assert "Depth: 10, 12 m" in page.find_element("id", "kept").text
-    assert page.find_element("id", "kept-gain").text.endswith("× 10⁻⁵")
+    told = page.find_element("id", "kept-gain").text
+    change = re.search(r"B − A: −(\d\.\d\d+) ± (0\.\d+) dB$", told)
+    apart = 10.0 * np.log10(before / reading(page))
+    assert float(change[1]) == pytest.approx(apart, abs=0.006)
+    assert 0.002 < float(change[2]) < 0.05
     shot = picture(page, ".mt-scene canvas")
     left, right = np.array_split(shot[:, : shot.shape[1] // 2 * 2], 2, axis=1)
     assert (np.abs(left - right).sum(axis=2) > 30).mean() > 0.01
@@ -680,7 +714,7 @@ def test_the_map_is_shown_in_plan_and_scene(page):
     page.find_element("id", "map").click()
     until(lambda: page.find_elements("id", "peak"), "no map", 240.0)
     assert page.find_elements("css selector", "#plan image")
-    assert re.fullmatch(r"[\d.e-]+ at \(-?[\d.]+, -?[\d.]+\) m",
+    assert re.fullmatch(r"−\d+\.\d+ dB at \(-?[\d.]+, -?[\d.]+\) m",
                         page.find_element("id", "peak").text)  # fmt: skip
     assert (np.abs(picture(page, ".mt-scene") - before).sum(axis=2) > 30).mean() > 0.002
 

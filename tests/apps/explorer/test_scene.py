@@ -119,7 +119,7 @@ def test_the_block_holds_two_waves_of_the_peak_and_says_what_the_sea_is(scene):
         views = scene.views(moved)
         side = views["side"]["frame"]
         assert side["x1"] - side["x0"] == pytest.approx(18.6)
-    assert views["sea"] == "waves Hs 1.5 m, Tp 4.7 s, foam 4.1 %, 22 % in the gain"
+    assert views["sea"] == "waves Hs 1.5 m, Tp 4.7 s, foam 4.1 % by Monahan (22 % in the gain)"
     assert not scene.parts["look"]["foam"] > 2.0
 
 

@@ -1,5 +1,6 @@
 """A session: its answers are those of the library for the newest state."""
 
+import re
 import threading
 import warnings
 
@@ -347,6 +348,32 @@ def test_the_sea_stands_quiet_at_the_start(monkeypatch):
     assert found[1] == pytest.approx(1.0, abs=0.12)
     assert stages.quiet_time(controls.begun_at(PAPER, 2.5)) == 2.5
     assert stages.quiet_time(PAPER.replace(surface=mt.surfaces.FlatSea())) == 0.0
+
+
+def test_the_steps_of_the_budget_add_up():
+    link = mt.Link()
+    gain = mt.simulate(link, mt.surfaces.FlatSea(), photons=64)
+    detector = mt.OokLink.of_link(link, bit_rate=1e6)
+    lines = readings.budget(stages.Signal(gain, detector=detector), link)
+    value = {b["name"]: float(b["text"].split()[0].replace("−", "-")) for b in lines}
+    names = "lost in the water", "scattered in", "spread, surface", "lens, filter"
+    assert value["lost in the water"] == pytest.approx(-4.343 * link.water.c * 10.0, abs=0.06)
+    total = value["lamp"] + sum(value[name] for name in names)
+    assert total == pytest.approx(value["received"], abs=0.3)  # of rounded steps
+    assert value["received"] - value["needed"] == pytest.approx(value["margin"], abs=0.11)
+    assert all(0.0 <= b["left"] <= b["left"] + b["width"] <= 100.0 + 1e-9 for b in lines)
+
+
+def test_one_quantity_has_one_scale(session):
+    """Gains were a number in dB, one times a power of ten, ratios, and a linear map."""
+    session.make_map()
+    assert session.wait(240.0)
+    shown, fading = readings.gain_reading(session), readings.fading_reading(session)
+    assert re.fullmatch(r"± 0\.\d+ dB", shown["error"])
+    relative = 10.0 ** (0.1 * np.array(fading["gain"]))
+    assert relative.mean() == pytest.approx(1.0, abs=1e-3)
+    image = readings.map_image(session.answer("map"))
+    assert all(re.match(r"−\d+(\.\d+)? dB", image[key]) for key in ("most", "least", "peak"))
 
 
 @pytest.mark.filterwarnings("ignore::meshtrace.FewSamplesWarning")  # of the dead link
