@@ -432,26 +432,26 @@ class State:
             for name, pair in self.ranges.items()
         }
         barred = {word: f" ({reason})" for word, reason in self.barred.items()}
-        own = [name for name, word in self.words.items() if word == OWN]
-        return {"ends": ends, "barred": {"water": barred}, "own": own}
+        unlisted = [name for name, word in self.words.items() if word == OWN]
+        return {"ends": ends, "barred": {"water": barred}, "unlisted": unlisted}
 
     @property
     def words(self) -> dict[str, str]:
         """Words of the choices that describe the link at the start."""
         start, config = self.initial, self.initial.to_config()
         water, day = config["water"], config.get("daylight", {"model": _NONE})
-        rate = {} if start.detector is None else {"bit_rate": start.detector.bit_rate}
+        rate = (start.detector or OokLink()).bit_rate
         kind = getattr(start.link.transmitters[0], "kind", "").removeprefix("air-")
-        found = {
+        described = {
             "light": day.get("model"),
             "water": CASE_1 if "chlorophyll" in water else water.get("type"),
             "lamp": next((word for word, (name, _) in _LAMPS.items() if name == kind), OWN),
             "detector": next((word for word in get_args(Preset) if start.detector in (
-                None, detector_of(OokLink.preset(word, **rate), start.link))), OWN),
+                None, detector_of(OokLink.preset(word, bit_rate=rate), start.link))), OWN),
             "aircraft": next((word for word, uav in UAVS.items() if uav == start.uav), OWN)
             if start.uav else _NONE,
         }  # fmt: skip
-        return {n: word if word in CHOICES[n].words else OWN for n, word in found.items()}
+        return {n: word if word in CHOICES[n].words else OWN for n, word in described.items()}
 
     @property
     def settings(self) -> dict[str, Any]:

@@ -95,12 +95,14 @@ class Page:
         self._token = new_token()
         self._browsers = 0
         self._state_a: tuple[State, dict[str, Any]] | None = None  # compared state
+        self._start_a = ""  # name of its link to start from
         self._design: asyncio.Task[None] | None = None
         self._quiet: asyncio.Task[None] | None = None
         self._designed: State | None = None  # state whose design is shown
         self._fill(base)
-        for action in (self.compare, self.swap, self.restore, self.begin, self.show_text,
-                       self.scene_ready, self.drawn, self.seek, self.make_map, self.design):  # fmt: skip
+        for action in (self.begin, self.compare, self.swap, self.restore, self.show_text,
+                       self.design, self.scene_ready, self.drawn, self.seek,
+                       self.make_map):  # fmt: skip
             self.server.trigger(action.__name__)(action)
         self.server.state.change(*BY_NAME, *CHOICES)(self._moved)
         self.server.state.change("playing")(self._play_or_pause)
@@ -289,7 +291,7 @@ class Page:
         self._state_a = (session.state, dict(self.scene.parts)) if present else None
         self._start_a = page.start
         reading, fading = readings.gain_reading(session), readings.fading_reading(session)
-        page.kept = {"reading": reading, "fading": fading, "lines": [], "gain": "–"} if present else None
+        page.kept = {"reading": reading, "fading": fading} if present else None
         self.server.js_call("scene", "keep", self._state_a[1] if self._state_a else None)
         self._refresh()
 

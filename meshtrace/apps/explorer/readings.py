@@ -129,8 +129,9 @@ def answer_of_start(link: Scenario) -> dict[str, Any]:
     state = State(link).at(time)
     *_, signal = stages.gains(state, lambda *_: None)
     *_, series = stages.fading(state, lambda *_: None)
-    answer = verdict(signal, series)["verdict"]
-    return {"time": time, "margin": round(_margin(signal.detector, signal), 1), "verdict": answer}
+    assert signal.detector is not None  # each has one receiver
+    margin, answer = _margin(signal.detector, signal), verdict(signal, series)["verdict"]
+    return {"time": time, "margin": round(margin, 1), "verdict": answer}
 
 
 def verdict(signal: Signal, series: Fading | None) -> dict[str, str]:
@@ -167,17 +168,19 @@ def budget(signal: Signal, link: Link) -> list[dict[str, Any]]:
         return []
     rest = float(parts.gain_db)
     steps = []
-    ends = [getattr(end, "center", None) for end in (link.transmitters[0], link.receivers[0])]
-    if link.water.layers is None and None not in ends and ends[0][2] * ends[1][2] < 0.0:
+    lamp_at, lens = getattr(link.transmitters[0], "center", None), link.receivers[0].center
+    if link.water.layers is None and lamp_at is not None and lamp_at[2] * lens[2] < 0.0:
         # along the straight line between the ends, its part in the water
-        share = -min(ends[0][2], ends[1][2]) / abs(ends[0][2] - ends[1][2])
-        water = -10.0 / math.log(10.0) * link.water.c * share * math.dist(*ends)
+        share = -min(lamp_at[2], lens[2]) / abs(lamp_at[2] - lens[2])
+        water = -10.0 / math.log(10.0) * link.water.c * share * math.dist(lamp_at, lens)
         steps, rest = [("lost in the water", water)], rest - water
         unscattered = signal.gain.gain_ballistic
         if unscattered is not None and (direct := float(np.ravel(unscattered)[0])) > 0.0:
             back = 10.0 * math.log10(signal.gain.gains[0] / direct)
             steps, rest = [*steps, ("scattered in", back)], rest - back
     steps += [("spread, surface", rest), ("lens, filter", parts.concentration_db + parts.filter_db)]
+    # name, text, powers at both ends of the bar [dBm], kind
+    lines: list[tuple[str, str, float | None, float, str]]
     lines, level = [("lamp", f"{lamp:.1f} dBm", None, lamp, "end")], lamp
     for name, change in steps:
         lines.append((name, f"{change:+.1f} dB", level, level + change, "step"))
@@ -373,7 +376,8 @@ def map_image(coverage: CoverageMap) -> dict[str, Any]:
     peak = float(coverage.gain[i, j])
     return {
         "url": f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}",
-        "x0": low, "x1": high, "y0": low, "y1": high, "most": decibels(peak, 0), "least": decibels(peak * 10.0 ** (-0.1 * _MAP_DB), 0),
+        "x0": low, "x1": high, "y0": low, "y1": high, "most": decibels(peak, 0),
+        "least": decibels(peak * 10.0 ** (-0.1 * _MAP_DB), 0),
         "peak": f"{decibels(peak)} at ({coverage.x[i]:.1f}, {coverage.y[j]:.1f}) m",
         "colors": [to_hex(colormaps["viridis"](v)) for v in np.linspace(0, 1, 9)],
     }  # fmt: skip

@@ -293,7 +293,6 @@ def _foam_of(link: Link, wind_speed: float | None) -> tuple[float, str]:
     return share, f"foam {100.0 * share:.2g} % by Monahan{other}"
 
 
-@lru_cache(maxsize=4)
 def _peak_wave(surface: Any) -> tuple[float, str]:
     """Return the length of the waves at the peak of a spectrum [m], and heights and periods."""
     spectrum = getattr(surface, "spectrum", None)
