@@ -283,7 +283,8 @@ class Page:
         if self._state_a is not None:
             before, start = self._state_a[0], self._start_a
             self._keep(True)
-            self._restore(dict(before.moves) | {"time": before.time, "start": start})
+            begun = {"start": start} if start else {}
+            self._restore(dict(before.moves) | {"time": before.time} | begun)
 
     def _keep(self, present: bool) -> None:
         """Make the present state state A, with its scene and readings; or end the comparison."""
@@ -307,7 +308,8 @@ class Page:
     def _restore(self, values: dict[str, Any]) -> None:
         """Show the state with these values of moved controls and this time [s]."""
         values, page = dict(values), self.server.state
-        page.start = start if (start := values.pop("start", "")) in STARTS else ""
+        known = str(values.get("start", "")) in STARTS
+        page.start = values.pop("start") if known else ""  # another one is refused below
         page.title = STARTS[page.start]["title"] if page.start else self._title
         initial = controls.start_of(page.start) if page.start else self._given
         time = _number(values.pop("time", initial.meshing.time))
@@ -315,8 +317,8 @@ class Page:
         refused = self._refused(values) if values else {}
         self._tell(refused)
         page.update(self.session.state.settings)
-        self._refresh()
         self.seek(time if isinstance(time, float) and math.isfinite(time) else 0.0)
+        self._refresh()
 
     def _fill(self, base: str) -> None:
         """Set all variables of the page."""

@@ -831,6 +831,7 @@ def test_the_ruler_reads_the_depth_of_the_lamp(browser):
 
 
 @pytest.mark.parametrize("place", [{"height": 40.0}, {"height": 2.0, "depth": 1.0}])
+@pytest.mark.slow_but("place0")
 def test_the_lamp_is_seen_at_any_place(page, place):
     """High receivers and shallow lamps once hid it behind the opaque sea."""
     for name, value in place.items():
@@ -848,6 +849,7 @@ def test_the_lamp_is_seen_at_any_place(page, place):
     assert shot[row - 2 : row + 3, column - 2 : column + 3].mean() > 1.4 * np.median(around)
 
 
+@pytest.mark.slow
 def test_storm_and_calm_look_different(page):
     """Foam and longer waves: 3 and 15 m/s were once told apart by the number alone."""
     shots = {}
