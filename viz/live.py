@@ -46,6 +46,9 @@ ASSETS = Path(__file__).with_name("assets")
 """Scripts and styles of scenes in pages."""
 
 SCATTERED_COLOR = PALETTE["purple"]
+MAP_DB = 20.0
+"""Range of the colours of a map below its peak [dB]."""
+
 LAMPS = 4
 """Lamps whose beams are drawn, as in `assets/shaders.js`."""
 
@@ -84,9 +87,10 @@ def stage_part(stage: Stage, link: Link | None, framing: int = 1) -> dict[str, A
     """Return the box that is shown; another `framing` than before moves the camera home."""
     ends = (*link.transmitters, *link.receivers) if link is not None else ()
     # depths are read at the distance of the first end that is in the water
-    deep = next((end.center for end in ends if end.center[2] < 0.0), stage.center)
+    low = (*stage.center, stage.bottom)
+    deep = next((end.center for end in ends if end.center[2] < 0.0), low)
     return {"center": stage.center, "half": stage.half, "top": stage.top, "bottom": stage.bottom,
-            "framing": framing, "pole": list(deep[:2])}  # fmt: skip
+            "framing": framing, "pole": list(deep[:2]), "deep": -deep[2]}  # fmt: skip
 
 
 def sea_part(mesh: TriangleMesh, ring: Any) -> dict[str, bytes]:
@@ -105,8 +109,9 @@ def map_part(coverage: CoverageMap) -> dict[str, Any]:
 
 
 def map_shades(coverage: CoverageMap) -> Any:
-    """Return the colours (nx, ny, 4) of a map over its peak, translucent if dark."""
-    share = coverage.gain / max(float(coverage.gain.max()), 1e-300)
+    """Return the colours (nx, ny, 4) of a map in decibels below its peak, translucent if dark."""
+    relative = np.maximum(coverage.gain / max(float(coverage.gain.max()), 1e-300), 1e-30)
+    share = np.clip(1.0 + 10.0 * np.log10(relative) / MAP_DB, 0.0, 1.0)
     shades = (255.0 * colormaps["viridis"](share)).astype(np.uint8)
     # a dark map lets the scene below it through
     shades[..., 3] = np.rint(255.0 * np.clip(0.1 + 1.2 * share, 0.0, 0.92))

@@ -65,7 +65,7 @@ def photograph(driver: Any, url: str, name: str) -> None:
         rest(driver)
     shots = [shot(driver)]
     if phone:
-        driver.execute_script("scrollTo(0, 640)")
+        driver.execute_script("scrollTo(0, 1180)")
         shots.append(shot(driver))
         show(driver, PHONE, dark=True)
         shots.append(shot(driver))

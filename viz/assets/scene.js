@@ -13,6 +13,7 @@
     [0, 1, 2, 3].reduce((sum, i) => sum + a[4 * i + (k & 3)] * b[(k & ~3) + i], 0));
 
   const FOV = (44 * Math.PI) / 180, HOME = { azimuth: -62, elevation: 18 };
+  const LOWEST = 7; // elevation from which waves are still seen as a surface [deg]
   const TO_SUN = 203; // azimuth of the eye from that of the sun [deg]: its glint stands beside the link
   const ROOM = { x0: -0.86, x1: 0.93, y0: -0.88, y1: 0.82 }; // of the block in the window
 
@@ -342,9 +343,12 @@
       }
       gl.depthMask(true);
       solid(m.disk, [...m.link.colors.receiver, 1], 0);
-      for (const lamp of lamps) {
-        this.bind(this.use("lamp", { ...all, center: lamp.at, color: m.link.color, size: 46 * ratio }), []);
-        gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+      for (const [faint, test] of [[0.35, gl.GREATER], [1, gl.LESS]]) { // a lamp behind the sea is seen through it
+        gl.depthFunc(test);
+        for (const lamp of lamps) {
+          this.bind(this.use("lamp", { ...all, center: lamp.at, color: m.link.color, size: 46 * ratio, faint }), []);
+          gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+        }
       }
       gl.disable(gl.SCISSOR_TEST);
     }
@@ -436,7 +440,10 @@
       home() {
         if (!this.stage) return;
         Object.assign(this, { untouched: true, turned: false });
-        this.view = framed(this.stage, { ...HOME, azimuth: this.azimuth ?? HOME.azimuth }, this.aspect);
+        // low enough for the lamp to stand below the near edge of the sea
+        const below = (Math.atan((0.75 * (this.stage.deep ?? Infinity)) / this.stage.half) * 180) / Math.PI;
+        const elevation = Math.min(Math.max(below, LOWEST), HOME.elevation);
+        this.view = framed(this.stage, { elevation, azimuth: this.azimuth ?? HOME.azimuth }, this.aspect);
         this.redraw();
       },
       move(change) {

@@ -115,7 +115,9 @@
       }
       float streaks = texture(waves, p.xy / (4.0 * waveSize) - 0.03 * wind * time / waveSize).a * 8.0 - 4.0;
       float white = clamp(0.5 + (streaks + 0.5 * crest - foam) / 0.9, 0.0, 1.0);
-      return mix(light, 0.5 * tint, white);
+      // for looks: at night as bright as the sky that grazing waves mirror, or it would be dark
+      vec3 froth = max(0.5 * tint, 1.5 * skyLight(normalize(vec3(-v.xy, 0.1))));
+      return mix(light, froth, white);
     }`;
 
   const SHADERS = {
@@ -309,10 +311,11 @@
       precision highp float;
       in vec2 at;
       uniform vec3 color;
+      uniform float faint;
       out vec4 shade;
       void main() {
         float r = length(at), core = 1.0 - smoothstep(0.2, 0.26, r), halo = exp(-9.0 * r * r) * (1.0 - smoothstep(0.8, 1.0, r));
-        shade = vec4(mix(color * halo, vec3(1.0), core), max(core, 0.4 * halo));
+        shade = vec4(mix(color * halo, vec3(1.0), core), max(core, 0.4 * halo)) * faint;
       }`],
     map: [`#version 300 es
       uniform mat4 camera;

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import copy
 import math
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Self, get_args
 
@@ -24,8 +25,19 @@ from meshtrace.uav import UAVS
 
 Table = dict[str, Any]
 
-GIVEN = "as given"
-"""Word for a part of the link as given at the start."""
+OWN = "own"
+"""Word for a part of the link at the start that no word of its choice describes."""
+
+
+@cache
+def start_of(name: str) -> Scenario:
+    """Return one of the links to start from, at the time of its answer."""
+    return begun_at(Scenario.from_config(STARTS[name]["link"]), STARTS[name]["time"])
+
+
+def begun_at(scenario: Scenario, time: float) -> Scenario:
+    """Return a scenario at another time of its sea [s]."""
+    return scenario.replace(meshing=scenario.meshing.replace(time=time))
 
 
 class Control(Model, frozen=True):
@@ -63,11 +75,14 @@ class Control(Model, frozen=True):
     per_unit: float = 1.0
 
 
-_ROWS = tomllib.loads(
-    Path(__file__).with_name("assets").joinpath("controls.toml").read_text(encoding="utf-8")
-)
+def _asset(name: str) -> Table:
+    """Return the tables of a file of the explorer."""
+    return tomllib.loads(Path(__file__).with_name("assets").joinpath(name).read_text("utf-8"))
 
-CONTROLS = tuple(Control.model_validate(row | {"name": name}) for name, row in _ROWS.items())
+
+_FILE, STARTS = _asset("controls.toml"), _asset("starts.toml")
+
+CONTROLS = tuple(Control.model_validate(row | {"name": n}) for n, row in _FILE["numbers"].items())
 """All controls with a number, in the order of the page."""
 
 BY_NAME = {control.name: control for control in CONTROLS}
@@ -95,7 +110,7 @@ class Choice(Model, frozen=True):
     label, group : str
         Text beside it, and heading of its group.
     words : tuple of str
-        Allowed words, of which the first one leaves the link as given.
+        Words to choose from.
     """
 
     label: str
@@ -103,18 +118,30 @@ class Choice(Model, frozen=True):
     words: tuple[str, ...]
 
 
-_SKIES = "none", "clear", "overcast", "moon", "night"
+_NONE = "none"
 CHOICES = {
-    name: Choice(label=label, group=group, words=(GIVEN, *words))
+    name: Choice(label=label, group=group, words=words)
     for name, label, group, words in (
+        ("light", "Sky", "Daylight", (_NONE, "clear", "overcast", "moon", "night")),
         ("water", "Type", "Water", (CASE_1, *WATER_TYPES)),
         ("lamp", "Kind", "Lamp", tuple(_LAMPS)),
         ("detector", "Detector", "Receiver", get_args(Preset)),
-        ("aircraft", "Aircraft", "Receiver", tuple(UAVS)),
-        ("light", "Daylight", "Bits", _SKIES),
+        ("aircraft", "Aircraft", "Receiver", (_NONE, *UAVS)),
     )
 }
 """Choices by name."""
+
+
+def in_words(word: str) -> str:
+    """Return the text of a word of a menu.
+
+    Examples
+    --------
+    >>> in_words("overcast"), in_words("jerlov-1C"), in_words("dji-m300-rtk")
+    ('overcast', 'Jerlov 1C', 'DJI M300 RTK')
+    """
+    text = re.sub("^jerlov", "Jerlov", word).replace("-", " ")
+    return str(_FILE["words"].get(word, text.upper() if word in UAVS else text))
 
 
 def groups() -> dict[str, dict[str, list[dict[str, Any]]]]:
@@ -125,7 +152,8 @@ def groups() -> dict[str, dict[str, list[dict[str, Any]]]]:
         group = by_tab.setdefault(c.group, {"choices": [], "numbers": []})
         group["numbers"].append(c.model_dump() | {"title": title})
     for name, choice in CHOICES.items():
-        by_tab[choice.group]["choices"].append(choice.model_dump() | {"name": name})
+        words = {word: in_words(word) for word in (*choice.words, OWN)}
+        by_tab[choice.group]["choices"].append(choice.model_dump() | {"name": name, "words": words})
     return by_tab
 
 
@@ -197,10 +225,10 @@ def with_choice(config: Table, name: str, word: str) -> Table:
         If the word is unknown, or the link has no lamp.
     """
     require_word(word, CHOICES[name].words, name)
-    if word == GIVEN:
-        return config
     if name == "lamp":
         return _with_lamp(config, word)
+    if (name, word) == ("aircraft", _NONE):
+        return {key: table for key, table in config.items() if key != "uav"}
     table = {
         "water": {"chlorophyll": _CHLOROPHYLL} if word == CASE_1 else {"type": word},
         "detector": {"preset": word, "bit_rate": config["detector"]["bit_rate"]},
@@ -389,7 +417,7 @@ class State:
         nm = self.scenario.link.transmitters[0].wavelength_nm
         limits = {word: WaterType(type=word).limits_nm for word in WATER_TYPES}
         if spectrum := self.initial.link.water.spectrum:
-            limits[GIVEN] = spectrum.limits_nm
+            limits[self.words["water"]] = spectrum.limits_nm
         return {
             word: f"{low:g} to {high:g} nm"
             for word, (low, high) in limits.items()
@@ -404,13 +432,31 @@ class State:
             for name, pair in self.ranges.items()
         }
         barred = {word: f" ({reason})" for word, reason in self.barred.items()}
-        return {"ends": ends, "barred": {"water": barred}}
+        unlisted = [name for name, word in self.words.items() if word == OWN]
+        return {"ends": ends, "barred": {"water": barred}, "unlisted": unlisted}
+
+    @property
+    def words(self) -> dict[str, str]:
+        """Words of the choices that describe the link at the start."""
+        start, config = self.initial, self.initial.to_config()
+        water, day = config["water"], config.get("daylight", {"model": _NONE})
+        rate = (start.detector or OokLink()).bit_rate
+        kind = getattr(start.link.transmitters[0], "kind", "").removeprefix("air-")
+        described = {
+            "light": day.get("model"),
+            "water": CASE_1 if "chlorophyll" in water else water.get("type"),
+            "lamp": next((word for word, (name, _) in _LAMPS.items() if name == kind), OWN),
+            "detector": next((word for word in get_args(Preset) if start.detector in (
+                None, detector_of(OokLink.preset(word, bit_rate=rate), start.link))), OWN),
+            "aircraft": next((word for word, uav in UAVS.items() if uav == start.uav), OWN)
+            if start.uav else _NONE,
+        }  # fmt: skip
+        return {n: word if word in CHOICES[n].words else OWN for n, word in described.items()}
 
     @property
     def settings(self) -> dict[str, Any]:
         """Values of all controls and words of all choices."""
-        words = dict.fromkeys(CHOICES, GIVEN) | {k: v for k, v in self.moves if k in CHOICES}
-        return self.values | words
+        return self.values | self.words | {k: v for k, v in self.moves if k in CHOICES}
 
     @cached_property
     def channel(self) -> Scenario:

@@ -27,8 +27,8 @@ from aiohttp import web
 from trame.app.core import AVAILABLE_SERVERS, get_server
 from yarl import URL
 
-from meshtrace.apps.explorer import readings, stages
-from meshtrace.apps.explorer.controls import BY_NAME, CHOICES, State, groups
+from meshtrace.apps.explorer import controls, readings, stages
+from meshtrace.apps.explorer.controls import BY_NAME, CHOICES, STARTS, State, groups
 from meshtrace.apps.explorer.scene import COLORS, LiveScene
 from meshtrace.apps.explorer.stages import STAGES, Session
 from meshtrace.errors import Refused, one_line
@@ -83,6 +83,7 @@ class Page:
             }
         )
         self.session = Session(scenario, self._answered)
+        self._given, self._title = scenario, title
         self.scene = LiveScene(self.session.state)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._scene_due: asyncio.TimerHandle | None = None
@@ -95,11 +96,14 @@ class Page:
         self._token = new_token()
         self._browsers = 0
         self._state_a: tuple[State, dict[str, Any]] | None = None  # compared state
+        self._start_a = ""  # name of its link to start from
         self._design: asyncio.Task[None] | None = None
+        self._quiet: asyncio.Task[None] | None = None
         self._designed: State | None = None  # state whose design is shown
-        self._fill(title, base)
-        for action in (self.compare, self.swap, self.restore, self.show_text, self.scene_ready,
-                       self.drawn, self.seek, self.make_map, self.design):  # fmt: skip
+        self._fill(base)
+        for action in (self.begin, self.compare, self.swap, self.restore, self.show_text,
+                       self.design, self.scene_ready, self.drawn, self.seek,
+                       self.make_map):  # fmt: skip
             self.server.trigger(action.__name__)(action)
         self.server.state.change(*BY_NAME, *CHOICES)(self._moved)
         self.server.state.change("playing")(self._play_or_pause)
@@ -131,8 +135,24 @@ class Page:
             task.cancel()
             reason = f": {one_line(error)}" if error else f" within {_LONGEST_START:.0f} s"
             raise RuntimeError(f"no page{reason}") from error
-        self.session.answer_now()
+        self.session.working = "gain"
+        self._quiet = asyncio.create_task(self._begin_quietly())
         return task
+
+    async def _begin_quietly(self) -> None:
+        """Let the sea stand at a quiet time, then answer for the first time."""
+        time = self._given.meshing.time
+        try:
+            time = await asyncio.to_thread(stages.quiet_time, self._given)
+        except Exception as error:
+            self._report(error)
+        self._given = controls.begun_at(self._given, time)
+        if not self.server.state.start:
+            self.session.begin_at(time)
+        with self.server.state:
+            self._refresh()
+        if self._running is None:  # a running sea shows itself
+            self._show_scene()
 
     @property
     def port(self) -> int:
@@ -146,7 +166,7 @@ class Page:
     def _end(self, _: Any) -> None:
         """Release the session and cancel all work for it."""
         self.session.close()
-        for due in (self._running, self._design, self._scene_due, self._resync):
+        for due in (self._running, self._design, self._quiet, self._scene_due, self._resync):
             if due is not None:
                 due.cancel()
         self._loop = None
@@ -194,7 +214,7 @@ class Page:
             text = f"internal error: {type(error).__name__}: {one_line(error)}"
             logging.getLogger(__name__).error(text)
         with self.server.state as page:
-            page.refused = text
+            page.refused = {"": text}
 
     def show_text(self, kind: str) -> None:
         """Show the link as TOML or as Python, to be copied."""
@@ -262,18 +282,24 @@ class Page:
     def swap(self) -> None:
         """Exchange the present state and state A."""
         if self._state_a is not None:
-            before = self._state_a[0]
+            before, start = self._state_a[0], self._start_a
             self._keep(True)
-            self._restore(dict(before.moves) | {"time": before.time})
+            begun = {"start": start} if start else {}
+            self._restore(dict(before.moves) | {"time": before.time} | begun)
 
     def _keep(self, present: bool) -> None:
         """Make the present state state A, with its scene and readings; or end the comparison."""
         page, session = self.server.state, self.session
         self._state_a = (session.state, dict(self.scene.parts)) if present else None
+        self._start_a = page.start
         reading, fading = readings.gain_reading(session), readings.fading_reading(session)
-        page.kept = {"reading": reading, "fading": fading, "lines": []} if present else None
+        page.kept = {"reading": reading, "fading": fading} if present else None
         self.server.js_call("scene", "keep", self._state_a[1] if self._state_a else None)
         self._refresh()
+
+    def begin(self, name: str) -> None:
+        """Show one of the links to start from."""
+        self.restore({"start": name})
 
     def restore(self, values: dict[str, Any]) -> None:
         """Show the state of a link, from the view that frames it."""
@@ -282,23 +308,27 @@ class Page:
 
     def _restore(self, values: dict[str, Any]) -> None:
         """Show the state with these values of moved controls and this time [s]."""
-        values = dict(values)
-        time = _number(values.pop("time", self.session.state.initial.meshing.time))
-        self.session.forget()
+        values, page = dict(values), self.server.state
+        known = str(values.get("start", "")) in STARTS
+        page.start = values.pop("start") if known else ""  # another one is refused below
+        page.title = STARTS[page.start]["title"] if page.start else self._title
+        initial = controls.start_of(page.start) if page.start else self._given
+        time = _number(values.pop("time", initial.meshing.time))
+        self.session.begin(initial)
         refused = self._refused(values) if values else {}
-        page = self.server.state
-        page.refused = "; ".join(map(str, refused.values()))
+        self._tell(refused)
         page.update(self.session.state.settings)
-        self._refresh()
         self.seek(time if isinstance(time, float) and math.isfinite(time) else 0.0)
+        self._refresh()
 
-    def _fill(self, title: str, base: str) -> None:
+    def _fill(self, base: str) -> None:
         """Set all variables of the page."""
         state, page = self.session.state, self.server.state
         page.trame__title, page.trame__template_main = "meshtrace explorer", _TEMPLATE
-        page.update(state.settings | {"title": title, "base": base, "colors": COLORS})
+        page.update(state.settings | {"title": self._title, "base": base, "colors": COLORS})
         page.update({"controls": groups(), "labels": readings.LABELS})
-        page.update(dict.fromkeys(("refused", "text", "text_title"), ""))
+        page.update({"start": "", "starts": readings.starts()})
+        page.update(dict.fromkeys(("text", "text_title"), "") | {"refused": {}})
         page.update(dict.fromkeys(("playing", "text_shown", "design_shown"), False))
         page.update(dict.fromkeys(("kept", "design", "designing")))
         self._refresh()
@@ -312,7 +342,7 @@ class Page:
         if not moves:
             return
         refused = self._refused(moves)
-        page.refused = "; ".join(map(str, refused.values()))
+        self._tell(refused)
         settings = self.session.state.settings
         # to the page: all controls after a refusal, else those that a move of others has changed
         page.update(
@@ -336,6 +366,13 @@ class Page:
             for name, value in moves.items():
                 refused |= self._refused({name: value})
         return refused
+
+    def _tell(self, refused: dict[str, Refused]) -> None:
+        """Show refusals below their fields, those of no field over the scene."""
+        texts = {name: readings.refusal(name, error) for name, error in refused.items()}
+        told = {name: text for name, text in texts.items() if name in BY_NAME}
+        rest = "; ".join(text for name, text in texts.items() if name not in told)
+        self.server.state.refused = told | ({"": rest} if rest else {})
 
     def _resync_soon(self) -> None:
         """Resend refused controls when they have come to rest, and again after their next value.
@@ -412,7 +449,9 @@ class Page:
     def _refresh(self) -> None:
         """Set the readings, the charts and the marks of stale answers."""
         session, page = self.session, self.server.state
-        outdated = self._designed is not None and self._designed.moves != session.state.moves
+        outdated = self._designed is not None and self._designed != session.state.at(
+            self._designed.time
+        )
         page.stale = {name: not session.fresh(name) for name in STAGES} | {"design": outdated}
         page.update(session.state.limits)
         page.working = session.working
@@ -422,10 +461,15 @@ class Page:
         page.map_note = readings.map_note(session)
         # what the address of the page holds: the time only where it is another
         page.moves, time = dict(session.state.moves), session.state.time
+        if page.start:
+            page.moves = {"start": page.start} | page.moves
         if time != session.state.initial.meshing.time:
             page.moves = page.moves | {"time": time}
         if self._state_a is not None:
-            page.kept = page.kept | {"lines": readings.differences(self._state_a[0], session.state)}
+            page.kept = page.kept | {
+                "lines": readings.differences(self._state_a[0], session.state),
+                "gain": readings.gain_difference(page.kept["reading"], page.reading),
+            }
 
     def _refresh_views(self) -> None:
         """Set the side view, the plan, the time and the colour bar."""

@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -16,7 +17,8 @@ from matplotlib.colors import to_hex
 import meshtrace
 from meshtrace import CoverageMap, surfaces
 from meshtrace.apps.designs.page import PERIODS, BestValue, Design, Reach
-from meshtrace.apps.explorer.controls import BY_NAME, CHOICES, State
+from meshtrace.apps.explorer import stages
+from meshtrace.apps.explorer.controls import BY_NAME, CHOICES, STARTS, State, in_words
 from meshtrace.apps.explorer.stages import (
     DURATION,
     FADING_RATE,
@@ -30,6 +32,7 @@ from meshtrace.comms import OokLink
 from meshtrace.comms.budget import link_budget
 from meshtrace.daylight import Daylight
 from meshtrace.errors import Refused
+from meshtrace.link import Link
 from meshtrace.models import Model, modules_of
 from meshtrace.optics import Water
 from meshtrace.scenario import MeshFile, Scenario
@@ -58,7 +61,6 @@ LABELS = {
 """Labels of the tables of the page."""
 
 _NO_BITS = dict.fromkeys(BITS, "–")
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: ""}
 
 
@@ -73,10 +75,12 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
         Whether the sea runs: the gain is then that of the series.
     """
     answer = session.answer("gain")
-    empty: dict[str, Any] = dict.fromkeys(("gain", "db", "unscattered", "chains"), "–")
+    empty: dict[str, Any] = dict.fromkeys(("db", "unscattered", "chains"), "–")
     empty |= {
         "notes": [],
+        "budget": [],
         "value": None,
+        "error": "",
         "lean": _lean(session.state),
         "verdict": "",
         "verdict_text": "",
@@ -91,7 +95,8 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
         sample, share = "chains", f"{100.0 * unscattered / gain if gain > 0.0 else 0.0:.1f} %"
     reading = empty | {
         "value": gain,
-        "gain": with_error(gain, float(result.stderrs[0])),
+        "error": f"± {_digit(_error_db(gain, float(result.stderrs[0])))} dB" if gain > 0.0 else "",
+        "stderr": float(result.stderrs[0]),
         "db": decibels(gain),
         "unscattered": share,
         "chains": f"{result.photons} {sample}",
@@ -102,9 +107,30 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
         gaps = np.abs(series.time - session.state.time)
         now = float(np.interp(session.state.time, series.time, series.gain))
         if len(gaps) and gaps.min() < 1.0 / FADING_RATE:  # not within a gap of the series
-            reading |= {"value": now, "gain": f"{now:.3e}", "db": decibels(now)}
+            reading |= {"value": now, "error": "", "db": decibels(now)}
     moving = series if isinstance(series, Fading) and session.fresh("fading") else None
+    reading["budget"] = budget(answer, session.state.scenario.link)
     return reading | _bits(answer) | verdict(answer, moving)
+
+
+def starts() -> list[dict[str, str]]:
+    """Return heading, words, margin and verdict of each of the links to start from."""
+    return [
+        {"name": name, "title": start["title"], "words": start["words"],
+         "verdict": start["verdict"], "margin": minus(f"{start['margin']:+.1f} dB")}
+        for name, start in STARTS.items()
+    ]  # fmt: skip
+
+
+def answer_of_start(link: Scenario) -> dict[str, Any]:
+    """Compute quiet time [s], margin [dB] and verdict of a link to start from."""
+    time = stages.quiet_time(link)
+    state = State(link).at(time)
+    *_, signal = stages.gains(state, lambda *_: None)
+    *_, series = stages.fading(state, lambda *_: None)
+    assert signal.detector is not None  # each has one receiver
+    margin, answer = _margin(signal.detector, signal), verdict(signal, series)["verdict"]
+    return {"time": time, "margin": round(margin, 1), "verdict": answer}
 
 
 def verdict(signal: Signal, series: Fading | None) -> dict[str, str]:
@@ -125,6 +151,50 @@ def verdict(signal: Signal, series: Fading | None) -> dict[str, str]:
         if short > 0.0:
             return {"verdict": "fades", "verdict_text": f"Fades: too dark in {100.0 * short:.2g} %"}
     return {"verdict": "closes", "verdict_text": f"Closes: {margin:.1f} dB to spare"}
+
+
+def budget(signal: Signal, link: Link) -> list[dict[str, Any]]:
+    """Return the steps from the power of the lamp to the margin: names, texts and ends of bars.
+
+    The ends are percentages of the range of powers; the steps add up.
+    """
+    if signal.detector is None or not signal.gain.gains[0] > 0.0:
+        return []
+    parts = link_budget(signal.detector, float(signal.gain.gains[0]), LIMIT)
+    lamp, received = parts.transmitted_dbm, float(parts.received_dbm)
+    margin = received - parts.required_dbm
+    if not math.isfinite(margin):
+        return []
+    rest = float(parts.gain_db)
+    steps = []
+    lamp_at, lens = getattr(link.transmitters[0], "center", None), link.receivers[0].center
+    if link.water.layers is None and lamp_at is not None and lamp_at[2] * lens[2] < 0.0:
+        # along the straight line between the ends, its part in the water
+        share = -min(lamp_at[2], lens[2]) / abs(lamp_at[2] - lens[2])
+        water = -10.0 / math.log(10.0) * link.water.c * share * math.dist(lamp_at, lens)
+        steps, rest = [("lost in the water", water)], rest - water
+        unscattered = signal.gain.gain_ballistic
+        if unscattered is not None and (direct := float(np.ravel(unscattered)[0])) > 0.0:
+            back = 10.0 * math.log10(signal.gain.gains[0] / direct)
+            steps, rest = [*steps, ("scattered in", back)], rest - back
+    steps += [("spread, surface", rest), ("lens, filter", parts.concentration_db + parts.filter_db)]
+    # name, text, powers at both ends of the bar [dBm], kind
+    lines: list[tuple[str, str, float | None, float, str]]
+    lines, level = [("lamp", f"{lamp:.1f} dBm", None, lamp, "end")], lamp
+    for name, change in steps:
+        lines.append((name, f"{change:+.1f} dB", level, level + change, "step"))
+        level += change
+    lines += [("received", f"{received:.1f} dBm", None, received, "end"),
+              ("needed", f"{parts.required_dbm:.1f} dBm", None, parts.required_dbm, "end"),
+              ("margin", f"{margin:+.1f} dB", parts.required_dbm, received, "margin")]  # fmt: skip
+    levels = [line[3] for line in lines]
+    low, high = min(levels) - 0.06 * (max(levels) - min(levels)), max(levels)
+    place = [100.0 * (level - low) / (high - low) for level in levels]
+    begin = [0.0 if line[2] is None else 100.0 * (line[2] - low) / (high - low) for line in lines]
+    return [
+        {"name": name, "text": minus(text), "kind": kind, "left": min(a, b), "width": abs(b - a)}
+        for (name, text, _, _, kind), a, b in zip(lines, begin, place, strict=True)
+    ]
 
 
 def _margin(detector: OokLink, signal: Signal) -> float:
@@ -182,20 +252,82 @@ def fading_reading(session: Session) -> dict[str, Any]:
         return empty | {"note": str(fading)}
     if not isinstance(fading, Fading) or not fading.gain.any():
         return empty
-    relative = fading.gain / fading.gain.mean()
+    shines, mean = fading.gain > 0.0, fading.gain.mean()
+    relative = fading.gain / mean
+    signal, lacks = session.answer("gain"), math.nan
+    if isinstance(signal, Signal) and signal.detector is not None and session.fresh("gain"):
+        lacks = 10.0 * math.log10(max(signal.gain.gains[0], 1e-300) / mean)
+        lacks -= _margin(signal.detector, signal)
     index = "…"
     if fading.index is not None:
         low, high = max(fading.index.low, 0.0), fading.index.high
         index = f"{fading.index.value:#.2g} ({low:#.2g} … {high:#.2g})"
     return {
-        "time": fading.time.tolist(),
-        "gain": [round(float(g), 5) for g in relative],
+        "time": fading.time[shines].tolist(),
+        "gain": np.round(10.0 * np.log10(relative[shines]), 4).tolist(),
         "duration": DURATION,
+        "least": lacks if math.isfinite(lacks) else None,
         "index": index,
         "all_waves": "–" if fading.index_of_all is None else f"{fading.index_of_all:#.2g}",
         "low": decibels(float(relative.min())),
         "note": f"left out for errors above 20 %: {fading.left_out}" if fading.left_out else "",
     }
+
+
+def refusal(name: str, error: Refused) -> str:
+    """Return the refusal of a control in words of the page and its unit.
+
+    Examples
+    --------
+    >>> refusal("fov", Refused("receiver.fov_deg", 400.0, "0 < fov_deg <= 180"))
+    'Field of view: above 0 to 180 degrees'
+    """
+    control = BY_NAME.get(name)
+    if control is None:
+        return str(error)
+    last = re.split(r"[.\[\]]+", error.field.rstrip("]"))[-1]
+    if last not in {name, *(key.rpartition(".")[2] for key in control.keys)}:
+        return f"{control.label}: {error}"  # what its value makes of another part of the link
+    text, unit = error.allowed, {"deg": "degrees"}.get(control.unit, control.unit)
+    if limits := re.match(r"(?:(\S+) (<=?) \w+ (<=?) ([^\s,]+)|(>=?) (\S+))", text):
+        low, above, below, high, only, least = limits.groups()
+        ends = [f"{float(end) * control.per_unit:g}" for end in (low or least, high or "inf")]
+        text = "above " * ("<" == above or ">" == only) + ends[0]
+        text += " or more" * (only == ">=")
+        text += f" to {'below ' * (below == '<')}{ends[1]}" if ends[1] != "inf" else ""
+        text = f"{text} {unit}".rstrip()
+    return f"{control.label}: {_PLAIN.get(text, text)}"
+
+
+_PLAIN = {"an integer": "a whole number", "finite numbers": "a number"}
+
+
+def gain_difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> str:
+    """Return the gain of reading B over that of A in decibels, with its standard error.
+
+    The errors of both runs are taken for independent.
+
+    Examples
+    --------
+    >>> gain_difference({"value": 2e-5, "stderr": 4e-8}, {"value": 1e-5, "stderr": 3e-8})
+    '−3.01 ± 0.02 dB'
+    """
+    if not (a["value"] and b["value"]):
+        return "–"
+    error = math.hypot(*(_error_db(r["value"], r["stderr"]) for r in (a, b)))
+    change = 10.0 * math.log10(b["value"] / a["value"])
+    digits = max(_digit(error)[::-1].find("."), 2)
+    return f"{minus(f'{change:+.{digits}f}')} ± {_digit(error)} dB"
+
+
+def _error_db(value: float, stderr: float) -> float:
+    """Return the standard error of a value in decibels."""
+    return 10.0 / math.log(10.0) * stderr / value
+
+
+def _digit(error: float) -> str:
+    """Return an error with its first digit, at least hundredths."""
+    return f"{error:.{min(max(2, -math.floor(math.log10(error))), 4) if error > 0.0 else 2}f}"
 
 
 def differences(before: State, now: State) -> list[str]:
@@ -207,7 +339,7 @@ def differences(before: State, now: State) -> list[str]:
             values = ", ".join("–" if v is None else f"{v:g}" for v in (a[name], b[name]))
             lines.append(f"{control.label}: {values} {control.unit}".rstrip())
     words = [n for n in CHOICES if a[n] != b[n]]
-    lines += [f"{CHOICES[n].label}: {a[n]}, {b[n]}" for n in words]
+    lines += [f"{CHOICES[n].label}: {in_words(a[n])}, {in_words(b[n])}" for n in words]
     return lines or ["Move a control: this state stays as A."]
 
 
@@ -228,11 +360,12 @@ def map_image(coverage: CoverageMap) -> dict[str, Any]:
     half = 0.5 * (coverage.x[1] - coverage.x[0])
     low, high = float(coverage.x[0] - half), float(coverage.x[-1] + half)
     i, j = np.unravel_index(int(coverage.gain.argmax()), coverage.gain.shape)
-    peak = f"{coverage.gain[i, j]:.2e}"
+    peak = float(coverage.gain[i, j])
     return {
         "url": f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}",
-        "x0": low, "x1": high, "y0": low, "y1": high, "most": peak,
-        "peak": f"{peak} at ({coverage.x[i]:.1f}, {coverage.y[j]:.1f}) m",
+        "x0": low, "x1": high, "y0": low, "y1": high, "most": decibels(peak, 0),
+        "least": decibels(peak * 10.0 ** (-0.1 * live.MAP_DB), 0),
+        "peak": f"{decibels(peak)} at ({coverage.x[i]:.1f}, {coverage.y[j]:.1f}) m",
         "colors": [to_hex(colormaps["viridis"](v)) for v in np.linspace(0, 1, 9)],
     }  # fmt: skip
 
@@ -244,27 +377,7 @@ def caption(session: Session) -> str:
     return f"meshtrace: {scenes.caption(scenario.link, scenario.surface, time, gain)}"
 
 
-def with_error(value: float, error: float) -> str:
-    """Return a number with its error to two digits, as in 5.804 ± 0.012 × 10⁻⁵.
-
-    Examples
-    --------
-    >>> with_error(5.8047e-05, 8.1e-08)
-    '(5.8047 ± 0.0081) × 10⁻⁵'
-    >>> with_error(0.0, 0.0)
-    '0'
-    """
-    if value <= 0.0 or not math.isfinite(value):
-        return f"{value:g}"
-    # both numbers over one power of ten, so that their digits can be compared
-    exponent = math.floor(math.log10(value))
-    value, error = value / 10.0**exponent, error / 10.0**exponent
-    digits = 4 if error <= 0.0 else min(max(1 - math.floor(math.log10(error)), 0), 6)
-    raised = str(exponent).translate(_RAISED)
-    return f"({value:.{digits}f} ± {error:.{digits}f}) × 10{raised}"
-
-
-def decibels(ratio: float) -> str:
+def decibels(ratio: float, digits: int = 2) -> str:
     """Return a ratio in decibels.
 
     Examples
@@ -274,7 +387,7 @@ def decibels(ratio: float) -> str:
     """
     if ratio <= 0.0:
         return "none"
-    return minus(f"{10.0 * math.log10(ratio):.2f} dB")
+    return minus(f"{10.0 * math.log10(ratio):.{digits}f} dB")
 
 
 def minus(number: str) -> str:

@@ -9,9 +9,13 @@ import numpy as np
 
 from meshtrace import CoverageMap, MeshSource, PhotonPaths, TriangleMesh
 from meshtrace.apps.explorer.controls import State
+from meshtrace.link import Link
+from meshtrace.surfaces import statistics
 from meshtrace.viz import Stage, live, parts
+from meshtrace.viz.scenes import wind_of
 from meshtrace.viz.stage import stage_of
 from meshtrace.viz.style import RECEIVER_COLOR
+from meshtrace.viz.water import SeaLight
 
 CELLS = 120
 """Cells of the sea along a side."""
@@ -26,6 +30,7 @@ COLORS = {
 
 _NEW_FRAME = (0.6, 1.1)  # sizes of the stage, relative to that framed, that keep the camera
 _NEW_SQUARE = (0.75, 1.25)  # half-widths, relative to that of the present sea, that keep it
+_WIDEST = 4.0  # tuned: half-width of the block, over that of its link
 _OFF_CENTER = 0.2  # distance of the centres, over the half-width, that keeps it
 
 
@@ -112,9 +117,9 @@ class LiveScene:
     def views(self, state: State) -> dict[str, Any]:
         """Return the data of the side view and the plan: limits, lamp, receiver and waves [m].
 
-        With the colour of the light of the lamp.
+        With the colour of the light of the lamp, and the sea in words.
         """
-        stage, link = self.stage, state.scenario.link
+        stage, link = self.link_stage, state.scenario.link
         (x, y), half = stage.center, stage.half
         lamp, receiver = link.transmitters[0], link.receivers[0]
         room = 0.05 * (stage.top - stage.bottom)  # for the marks of lamp and receiver
@@ -134,6 +139,7 @@ class LiveScene:
             },
             "lamp_color": live.light_shade(lamp, 0.12),
             "received_color": live.light_shade(lamp),
+            "sea": self._sea,
         }
 
     def _set(self, name: str, value: Any) -> None:
@@ -143,15 +149,20 @@ class LiveScene:
 
     def _place(self, state: State) -> None:
         """Take over the link and the sea of a state."""
-        if self._key == state.moves and self._key is not None:
+        if self._key == (state.moves, state.initial):
             return
         case = state.channel.case()
-        self._surface, self._key = case.surface, state.moves
-        stage = stage_of(case.link, case.surface, None)
+        self._surface, self._key = case.surface, (state.moves, state.initial)
+        self.link_stage = stage_of(case.link, case.surface, None)
+        wave, words = _peak_wave(case.surface)
+        self._sea = words + _foam_words(case.link, wind_of(case.surface))
+        # two waves of the peak, as far as the link stays large enough to be seen
+        half = self.link_stage.half
+        stage = self.link_stage._replace(half=max(half, min(wave, _WIDEST * half)))
         self.stage = self._on_square(stage)
         # a camera that jumps at every move of a slider would lose the reader
-        if not _NEW_FRAME[0] < stage.size / max(self._framed, 1e-9) < _NEW_FRAME[1]:
-            self._framed, self._framing = stage.size, self._framing + 1
+        if not _NEW_FRAME[0] < self.stage.size / max(self._framed, 1e-9) < _NEW_FRAME[1]:
+            self._framed, self._framing = self.stage.size, self._framing + 1
 
     def _on_square(self, stage: Stage) -> Stage:
         """Return the stage over the present square of the sea if both are of similar size.
@@ -184,6 +195,24 @@ class LiveScene:
             self._faces, self._ring = mesh.faces.base, parts.outline(mesh)[:-1]
             self._set("faces", mesh.faces.astype(np.uint32).tobytes())
         self._set("sea", live.sea_part(mesh, self._ring))
+
+
+def _foam_words(link: Link, wind: tuple[float | None, float]) -> str:
+    """Return the share of foam that is drawn, and that which the gain has where they differ."""
+    share = SeaLight.from_link(link, None, wind).foam
+    in_gain = 0.0 if link.whitecaps is None else 1.0 - link.whitecaps.transmittance
+    other = f" ({100.0 * in_gain:.2g} % in the gain)" if abs(in_gain - share) > 0.1 * share else ""
+    return f"foam {100.0 * share:.2g} % by Monahan{other}"
+
+
+def _peak_wave(surface: Any) -> tuple[float, str]:
+    """Return the length of the waves at the peak of a spectrum [m], and heights and periods."""
+    spectrum = getattr(surface, "spectrum", None)
+    if spectrum is None:
+        return 0.0, ""
+    period = statistics.tp(spectrum)
+    words = f"waves Hs {statistics.hs(spectrum):.2g} m, Tp {period:.2g} s, "
+    return 9.81 * period**2 / (2.0 * math.pi), words  # of deep water
 
 
 def _end(part: Any, axes: tuple[int, int], half: float, sign: float) -> dict[str, Any] | None:

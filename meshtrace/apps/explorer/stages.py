@@ -39,7 +39,7 @@ from meshtrace import (
     trace_paths,
 )
 from meshtrace.apps.designs.page import Design
-from meshtrace.apps.explorer.controls import BITS_ALONE, State
+from meshtrace.apps.explorer.controls import BITS_ALONE, State, begun_at
 from meshtrace.comms import ChannelResponse, OokLink
 from meshtrace.comms.background import warn_of_background, with_background
 from meshtrace.errors import Described, Refused, one_line
@@ -75,6 +75,7 @@ FADING_FRAMES = 96
 DURATION = FADING_FRAMES / FADING_RATE
 """Time covered by a complete series [s]."""
 
+_SKIPPED = 3  # frames from one of the times of `quiet_time` to the next
 _MOST_ERROR = 0.2  # largest relative standard error of a gain in the series [1]
 _SHOWN_EVERY = 8  # frames between two answers: a part of the series is shown each time
 
@@ -224,7 +225,7 @@ def rays(state: State, check: Check) -> Iterator[PhotonPaths]:
     Where only photons follow the link they are paths of any light.
     """
     check()
-    scenario = state.channel.replace(meshing=state.channel.meshing.replace(time=state.time))
+    scenario = begun_at(state.channel, state.time)
     mesh, run = scenario.mesh(), scenario.run
     check()
     # analog photons hit an aperture so seldom that paths of any light are shown
@@ -243,29 +244,51 @@ def fading(state: State, check: Check) -> Iterator[Fading]:
     Refused
         If the surface is no sea model, or only analog photons follow the link.
     """
-    campaign = campaign_of(state.channel, run={"photons": FADING_CHAINS}, fading=True)
-    sea = campaign.surface
-    if not isinstance(sea, SurfaceModel):
-        raise Refused("surface", Described(type(sea).__name__), "a sea that moves")
-    times = np.arange(FADING_FRAMES) / FADING_RATE
-
-    def surface(i: int) -> tuple[MeshSource, float]:
-        check()
-        return sea, float(times[i])
-
-    gain = np.empty(FADING_FRAMES)
-    for i, gains in enumerate(campaign.each(Steps("time", times, surface))):
-        # (gain and unscattered part, links, receivers, shifts)
-        gain_of_shift = gains[0, 0, 0]
-        mean, error = gain_of_shift.mean(), error_of_groups(gain_of_shift)
-        # noise of few chains would look like fading
-        gain[i] = np.nan if error > _MOST_ERROR * mean else mean
+    times, gain = np.arange(FADING_FRAMES) / FADING_RATE, np.empty(FADING_FRAMES)
+    for i, gain[i] in enumerate(_gains_at(state, times, check)):
         if (i + 1) % _SHOWN_EVERY == 0 and i + 1 < FADING_FRAMES:
             yield _series(times[: i + 1], gain[: i + 1])
     series = _series(times, gain)
     g = series.gain
     index = unless_refused(lambda: scintillation_index(g, block=block_length(g), resamples=399))
-    yield replace(series, index=index, index_of_all=index_of_all(campaign.link, sea))
+    of_all = index_of_all(state.channel.link, state.channel.surface)
+    yield replace(series, index=index, index_of_all=of_all)
+
+
+def _gains_at(state: State, times: Floats, check: Check) -> Iterator[float]:
+    """Yield the gain at each of the times; nan where its error is too large."""
+    campaign = campaign_of(state.channel, run={"photons": FADING_CHAINS}, fading=True)
+    sea = campaign.surface
+    if not isinstance(sea, SurfaceModel):
+        raise Refused("surface", Described(type(sea).__name__), "a sea that moves")
+
+    def surface(i: int) -> tuple[MeshSource, float]:
+        check()
+        return sea, float(times[i])
+
+    for gains in campaign.each(Steps("time", times, surface)):
+        # (gain and unscattered part, links, receivers, shifts)
+        gain_of_shift = gains[0, 0, 0]
+        mean, error = float(gain_of_shift.mean()), error_of_groups(gain_of_shift)
+        # noise of few chains would look like fading
+        yield math.nan if error > _MOST_ERROR * mean else mean
+
+
+def quiet_time(scenario: Scenario) -> float:
+    """Return the time of the sea at which the explorer begins [s].
+
+    That of a file if it is not 0. Else the one of 32 times of the series of gains whose gain is
+    nearest to their mean: at time 0 a sea may focus the light to twice of it.
+    """
+    times = np.arange(0, FADING_FRAMES, _SKIPPED) / FADING_RATE
+    if scenario.meshing.time != 0.0:
+        return scenario.meshing.time
+    try:
+        gain = np.array([*_gains_at(State(scenario), times, lambda *_: None)])
+    except Refused:  # a surface that does not move, or photons alone
+        return 0.0
+    off = np.abs(gain - np.nanmean(gain)) if np.isfinite(gain).any() else np.zeros(1)
+    return float(times[np.nanargmin(off)])
 
 
 def _series(times: Floats, gain: Floats) -> Fading:
@@ -487,9 +510,16 @@ class Session(Worker):
                 self.answer_now()
         return state
 
-    def forget(self) -> None:
-        """Return to the initial link at the same time, without new work."""
-        self._state, self._map_wanted = State(self._state.initial, time=self._state.time), False
+    def begin(self, initial: Scenario) -> None:
+        """Return to a link at the start, at the same time, without new work."""
+        self._state, self._map_wanted = State(initial, time=self._state.time), False
+
+    def begin_at(self, time: float) -> None:
+        """Let the present link start at a time [s], at which its sea stands unless it was moved."""
+        state, initial = self._state, self._state.initial
+        moved = state.time != initial.meshing.time
+        initial, time = begun_at(initial, time), state.time if moved else time
+        self._state = replace(state, initial=initial, time=time)
 
     def show_time(self, time: float) -> State:
         """Change the time of the sea without new work, as in a running sea."""
@@ -563,4 +593,4 @@ def _key(stage: str, state: State) -> Any:
     """Return the part of a state that the answers of a stage depend on."""
     # only the stage of the gain shows bits, and the series begins at time 0 in any case
     moves = tuple(m for m in state.moves if stage == "gain" or m[0] not in BITS_ALONE)
-    return moves, None if stage == "fading" else state.time
+    return moves, None if stage == "fading" else state.time, state.initial

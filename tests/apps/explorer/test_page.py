@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import warnings
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from meshtrace.viz import live
 pytestmark = [pytest.mark.browser, pytest.mark.process, pytest.mark.thorough]
 
 PAPER = Scenario.from_toml("")
+FOV = "Field of view: above 0 to 180 degrees"
 
 
 @pytest.fixture(scope="module")
@@ -69,12 +71,12 @@ def page(browser):
     reset = {
         "text_shown": False,
         "playing": False,
-        **dict.fromkeys(controls.CHOICES, controls.GIVEN),
+        **controls.State(PAPER).words,
     }
     for name, value in reset.items():
         browser.execute_script("window.trame.state.set(arguments[0], arguments[1])", name, value)
-    if browser.execute_script("return trame.state.get('time')") != 0.0:
-        browser.execute_script("trame.trigger('seek', [0.0])")
+    if browser.execute_script("return trame.state.get('time')") != begun():
+        browser.execute_script("trame.trigger('seek', arguments)", begun())
     until(lambda: gain_is(browser, {}), "the page does not return to the paper's link")
     return browser
 
@@ -106,8 +108,15 @@ def idle(driver):
     return driver.find_element("id", "status").text == "up to date"
 
 
-def gain_is(driver, moves, time=0.0):
+@cache
+def begun():
+    """Return the time at which the page begins."""
+    return stages.quiet_time(PAPER)
+
+
+def gain_is(driver, moves, time=None):
     """Return whether the page shows the refined gain of a state, from a run of the library."""
+    time = begun() if time is None else time
     expected = expected_gain(tuple(sorted(moves.items())), time)
     return reading(driver) == pytest.approx(expected, rel=1e-12)
 
@@ -218,6 +227,36 @@ def test_a_narrow_window_has_one_column_with_the_scene_on_top(page, width, colum
         page.execute_script("scrollTo(0, 0)")
 
 
+def test_a_phone_held_across_has_no_bar_below(page):
+    sized(page, 844, 390)
+    until(lambda: page.execute_script("return innerWidth") == 844, "another width")
+    assert page.execute_script("return document.documentElement.scrollWidth") <= 844
+
+
+def test_few_stops_lead_to_the_side_view(page):
+    """There were once 60, and no link past them."""
+    stops = page.execute_script(
+        "return [...document.querySelectorAll('a[href],button,input,select,summary,[tabindex]')]"
+        ".filter((e) => e.tabIndex >= 0 && !e.disabled && !e.closest('dialog'))"
+        ".findIndex((e) => e.closest('#side'))"
+    )
+    assert 0 < stops <= 25
+    for name in ("views", "controls", "results"):
+        page.find_element("css selector", f".mt-skip a[href='#{name}']").send_keys("\n")
+        assert page.switch_to.active_element.get_attribute("id") == name
+    assert page.execute_script("return location.hash") == ""
+
+
+def test_nothing_moves_by_itself_where_that_is_asked(page):
+    features = [{"name": "prefers-reduced-motion", "value": "reduce"}]
+    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+    moving = (
+        "return [...document.querySelectorAll('.mt-page *')].map((e) => getComputedStyle(e))"
+        ".filter((s) => s.animationName !== 'none' || s.transitionDuration !== '0s').length"
+    )
+    assert page.execute_script(moving) == 0
+
+
 def test_the_page_can_be_enlarged(page):
     content = page.find_element("css selector", "meta[name=viewport]").get_attribute("content")
     assert "width=device-width" in content
@@ -315,7 +354,23 @@ def test_a_link_restores_the_state(page, url):
         assert shown(other, "depth") == "11.5"
         told = other.find_element("id", "refused").text
         assert "hieght" in told
-        assert "fov_deg: 400" in told
+        assert other.find_element("id", "refused-fov").text == FOV
+
+
+def test_a_card_starts_another_link(page):
+    """The six of them tell their margins, and the one that is chosen has it in its results."""
+    cards = page.find_elements("css selector", ".mt-starts button")
+    texts = {card.get_attribute("id"): card.text for card in cards}
+    assert list(texts) == [f"start-{name}" for name in controls.STARTS]
+    assert all(re.search(r"(closes|fades|dead)\s[+−]\d+\.\d dB$", t) for t in texts.values())
+    page.find_element("id", "start-deep").click()
+    margin = texts["start-deep"].split("\n")[-1]
+    shown_margin = lambda: page.find_element("id", "reading-margin").text == margin  # noqa: E731
+    until(lambda: shown_margin() and reading(page) is not None, "not its margin")
+    until(lambda: page.execute_script("return location.hash") == "#start=deep", "no address")
+    assert page.find_element("id", "verdict").text.startswith("Dead: ")
+    page.execute_script("trame.trigger('restore', [{}])")
+    until(lambda: gain_is(page, {}), "the link at the start does not return")
 
 
 @pytest.mark.slow
@@ -327,7 +382,11 @@ def test_two_states_stand_side_by_side(page):
     enter(page, "depth", 12.0)
     until(lambda: gain_is(page, {"depth": 12.0}), "another gain")
     assert "Depth: 10, 12 m" in page.find_element("id", "kept").text
-    assert page.find_element("id", "kept-gain").text.endswith("× 10⁻⁵")
+    told = page.find_element("id", "kept-gain").text
+    change = re.search(r"B − A: −(\d\.\d\d+) ± (0\.\d+) dB$", told)
+    apart = 10.0 * np.log10(before / reading(page))
+    assert float(change[1]) == pytest.approx(apart, abs=0.006)
+    assert 0.002 < float(change[2]) < 0.05
     shot = picture(page, ".mt-scene canvas")
     left, right = np.array_split(shot[:, : shot.shape[1] // 2 * 2], 2, axis=1)
     assert (np.abs(left - right).sum(axis=2) > 30).mean() > 0.01
@@ -423,11 +482,11 @@ def test_sliders_and_words_offer_what_the_link_allows(page):
     most = lambda: page.execute_script("return document.getElementById('slider-half_angle').max")  # noqa: E731
     barred = page.find_element("css selector", "#water option[value='petzold-coastal']")
     assert (most(), barred.is_enabled()) == ("80", False)
-    assert barred.text == "petzold-coastal (476.5 to 551.5 nm)"
+    assert barred.text == "coast (Petzold) (476.5 to 551.5 nm)"
     enter(page, "half_angle", 70)
     page.find_element("css selector", "#lamp option[value='laser']").click()
     until(lambda: (most(), shown(page, "half_angle")) == ("59.5", "59.5"), "a wider laser")
-    assert page.find_elements("id", "refused") == []
+    assert page.find_elements("css selector", ".mt-refused") == []
     enter(page, "wavelength", 515)
     until(barred.is_enabled, "no water at its wavelength")
 
@@ -543,17 +602,27 @@ def test_dragging_writes_the_same_state(page, view, part, names):
 
 
 def test_a_refused_value_says_so_and_the_state_stays(page):
+    places = (
+        "return [...document.querySelectorAll('.mt-number')]"
+        ".map((e) => e.getBoundingClientRect().top)"
+    )
+    before = page.execute_script(places)
     enter(page, "fov", 400)
-    until(lambda: page.find_elements("id", "refused"), "no message")
-    assert "fov_deg: 400" in page.find_element("id", "refused").text
+    until(lambda: page.find_elements("id", "refused-fov"), "no message")
+    told, field = page.find_element("id", "refused-fov"), page.find_element("id", "fov")
+    assert told.text == FOV
+    assert field.get_attribute("aria-describedby") == "refused-fov"
+    assert 0.0 <= told.rect["y"] - field.rect["y"] - field.rect["height"] < 12.0
+    assert page.execute_script(places) == before
     until(lambda: shown(page, "fov") == "60", "the field keeps the refused value")
     enter(page, "wind", 80)
-    until(lambda: "wind_speed: 80" in page.find_element("id", "refused").text, "not told")
+    until(lambda: page.find_elements("id", "refused-wind"), "not told")
+    assert page.find_element("id", "refused-wind").text == "Wind: 0 to 60 m/s"
     until(lambda: shown(page, "wind") == "5", "the field keeps the refused value")
     assert gain_is(page, {})
     time.sleep(1.5)  # the page sends both controls once more: a value of that moment is lost
     enter(page, "fov", 59)
-    until(lambda: not page.find_elements("id", "refused"), "the message stays")
+    until(lambda: not page.find_elements("css selector", ".mt-refused"), "the message stays")
     until(lambda: gain_is(page, {"fov": 59.0}), "another gain")
 
 
@@ -571,7 +640,7 @@ def test_a_value_after_a_refused_one_stays(page):
 def test_a_value_typed_while_a_refused_field_is_sent_again_stays(page):
     """All controls were once sent again: the value of another was lost."""
     page.execute_script("trame.state.set('fov', 400); trame.state.flush()")
-    until(lambda: page.find_elements("id", "refused"), "no message")
+    until(lambda: page.find_elements("id", "refused-fov"), "no message")
     page.execute_script("trame.state.set('depth', 12)")  # on its way, half a second later
     time.sleep(1.0)
     page.execute_script("trame.state.flush()")
@@ -621,9 +690,9 @@ def text_of(driver):
 def test_time_runs_and_stops(page):
     before = picture(page, ".mt-scene")
     clock = lambda: float(page.find_element("id", "time").text.split()[2])  # noqa: E731
-    assert clock() == 0.0
+    assert clock() == begun()
     page.find_element("id", "play").click()
-    until(lambda: clock() > 1.0, "time stands still")
+    until(lambda: abs(clock() - begun()) > 1.0, "time stands still")
     assert (np.abs(picture(page, ".mt-scene") - before).sum(axis=2) > 30).mean() > 0.01
     page.find_element("id", "play").click()
 
@@ -645,7 +714,7 @@ def test_the_map_is_shown_in_plan_and_scene(page):
     page.find_element("id", "map").click()
     until(lambda: page.find_elements("id", "peak"), "no map", 240.0)
     assert page.find_elements("css selector", "#plan image")
-    assert re.fullmatch(r"[\d.e-]+ at \(-?[\d.]+, -?[\d.]+\) m",
+    assert re.fullmatch(r"−\d+\.\d+ dB at \(-?[\d.]+, -?[\d.]+\) m",
                         page.find_element("id", "peak").text)  # fmt: skip
     assert (np.abs(picture(page, ".mt-scene") - before).sum(axis=2) > 30).mean() > 0.002
 
@@ -697,7 +766,8 @@ def test_a_page_can_be_loaded_again_while_its_sea_runs(page):
     """Waves once arrived before the scene that holds them."""
     page.get_log("browser")
     page.find_element("id", "play").click()
-    until(lambda: page.execute_script("return trame.state.get('time')") > 0.3, "time stands still")
+    now = "return trame.state.get('time')"
+    until(lambda: page.execute_script(now) != begun(), "time stands still")
     page.refresh()
     until(lambda: page.find_elements("id", "time"), "no page")
     until(lambda: page.execute_script("return trame.refs.scene.view !== null"), "no scene")
@@ -729,7 +799,7 @@ def test_a_move_keeps_the_view_of_the_user_and_home_returns(page):
     assert view_of(page) == turned
     page.find_element("id", "home").click()  # by day towards the sun, for its glint
     until(lambda: view_of(page)["azimuth"] == pytest.approx(203.0), "away from the sun")
-    page.find_element("css selector", "#light option[value='as given']").click()
+    page.find_element("css selector", "#light option[value='none']").click()
     until(lambda: view_of(page)["azimuth"] == home["azimuth"], "another view")
 
 
@@ -738,12 +808,12 @@ def test_the_sea_runs_until_the_last_browser_has_left(page):
     """Two browsers of one session: the first to leave once stopped the sea of the other."""
     clock = lambda: float(page.find_element("id", "time").text.split()[2])  # noqa: E731
     page.find_element("id", "play").click()
-    until(lambda: clock() > 0.3, "time stands still")
+    until(lambda: clock() != begun(), "time stands still")
     with chromium(1400, 1043) as other:
         opened(other, page.current_url)
     time.sleep(1.0)
     left = clock()
-    until(lambda: clock() not in (0.0, left), "the sea stands since the other browser has left")
+    until(lambda: clock() not in (begun(), left), "the sea stands since the other browser has left")
     assert page.execute_script("return trame.state.get('playing')")
 
 
@@ -758,3 +828,36 @@ def test_the_ruler_reads_the_depth_of_the_lamp(browser):
     assert lamp[2] == -10.0
     assert heights[-10] == pytest.approx(at[1], abs=1.0)
     assert all(mark["at"][0] <= at[0] for mark in marks)
+
+
+@pytest.mark.parametrize("place", [{"height": 40.0}, {"height": 2.0, "depth": 1.0}])
+@pytest.mark.slow_but("place0")
+def test_the_lamp_is_seen_at_any_place(page, place):
+    """High receivers and shallow lamps once hid it behind the opaque sea."""
+    for name, value in place.items():
+        enter(page, name, value)
+    until(lambda: gain_is(page, place), "another gain")
+    page.find_element("id", "home").click()
+    sharp = "const c = document.querySelector('.mt-scene canvas'); return c.width === c.clientWidth"
+    until(lambda: page.execute_script(sharp), "a coarse scene")
+    x, y = page.execute_script(
+        "const s = trame.refs.scene; return s.onScreen(s.painter.models.now.link.lamps[0].at)"
+    )
+    shot = picture(page, ".mt-scene canvas").sum(axis=2)
+    row, column = round(y), round(x)
+    around = shot[row - 40 : row + 41, column - 40 : column + 41]
+    assert shot[row - 2 : row + 3, column - 2 : column + 3].mean() > 1.4 * np.median(around)
+
+
+@pytest.mark.slow
+def test_storm_and_calm_look_different(page):
+    """Foam and longer waves: 3 and 15 m/s were once told apart by the number alone."""
+    shots = {}
+    for wind in (3.0, 15.0):
+        enter(page, "wind", wind)
+        until(lambda: gain_is(page, {"wind": wind}), "another gain")  # noqa: B023
+        shots[wind] = picture(page, ".mt-scene canvas").sum(axis=2)
+    different = np.abs(shots[3.0] - shots[15.0]) > 60
+    assert different.mean() > 0.1
+    lit = [(shot[: shot.shape[0] // 2] > 330).mean() for shot in shots.values()]
+    assert lit[1] > 1.2 * lit[0]

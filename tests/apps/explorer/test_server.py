@@ -10,8 +10,8 @@ import pytest
 from trame.app.core import AVAILABLE_SERVERS
 
 import meshtrace as mt
+from meshtrace.apps.explorer import controls, server
 from meshtrace.apps.explorer import page as page_of_session
-from meshtrace.apps.explorer import server
 from meshtrace.errors import Refused
 from meshtrace.scenario import Scenario
 
@@ -52,6 +52,28 @@ def test_a_running_sea_waits_for_the_browser(monkeypatch):
             page.drawn()
         with page.server.state as state:
             state.playing = False
+
+    served(visits)
+
+
+def test_a_comparison_keeps_the_links_that_both_states_started_from():
+    async def visits(explorer, client):
+        async with client.get(explorer.url, allow_redirects=False):
+            page = explorer.pages[0]
+        with page.server.state as state:
+            page.begin("storm")
+            page.compare()
+            page.restore({"start": "deep", "depth": 90.0})
+            page.swap()
+            assert (state.start, state.title) == ("storm", "Storm")
+            assert page.session.state == controls.State(
+                controls.start_of("storm"), time=controls.STARTS["storm"]["time"]
+            )
+            page.swap()
+            assert state.moves == {"start": "deep", "depth": 90.0}
+            page.restore({"start": "nowhere"})
+            assert "nowhere" in state.refused[""]
+            assert state.moves == {}
 
     served(visits)
 

@@ -1,5 +1,6 @@
 """A session: its answers are those of the library for the newest state."""
 
+import re
 import threading
 import warnings
 
@@ -311,6 +312,68 @@ def test_warnings_are_notes_of_their_gain(session):
         mt.simulate(session.state.scenario, photons=8192)
     assert any(issubclass(w.category, mt.FewSamplesWarning) for w in caught)
     assert session.answer("gain").notes == tuple(" ".join(str(w.message).split()) for w in caught)
+
+
+@pytest.mark.filterwarnings("ignore::meshtrace.FewSamplesWarning")
+@pytest.mark.parametrize("name", controls.STARTS)
+@pytest.mark.slow_but("calm", "deep")
+def test_the_margin_of_a_start_is_the_present_one(name):
+    """They are kept in a file: docs/scripts/make_explorer_starts.py makes them anew."""
+    start, state = controls.STARTS[name], controls.State(controls.start_of(name))
+    *_, signal = stages.gains(state.at(start["time"]), lambda *_: None)
+    margin = float(link_budget(signal.detector, signal.gain.gain, stages.LIMIT).margin_optical_db)
+    # the samples are the same: what other processors round differently is far below the digit
+    assert margin == pytest.approx(start["margin"], abs=0.06)
+    assert (start["verdict"] == "dead") == (margin < 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", controls.STARTS)
+def test_the_answers_of_a_start_are_the_present_ones(name):
+    start = controls.STARTS[name]
+    found = readings.answer_of_start(Scenario.from_config(start["link"]))
+    assert found == {key: start[key] for key in found}
+    assert {start["verdict"] for start in controls.STARTS.values()} == {"closes", "fades", "dead"}
+
+
+def test_the_sea_stands_quiet_at_the_start(monkeypatch):
+    """Seed 0 begins in a flash of 2.3 times the mean."""
+    monkeypatch.setattr(stages, "FADING_FRAMES", 96)
+    times = np.arange(0, stages.FADING_FRAMES, 2) / stages.FADING_RATE
+    gain = mt.time_series(PAPER, times, photons=stages.FADING_CHAINS).gain
+    time = stages.quiet_time(PAPER)
+    found = mt.time_series(PAPER, [0.0, time], photons=stages.FADING_CHAINS).gain / gain.mean()
+    assert found[0] > 1.8
+    assert found[1] == pytest.approx(1.0, abs=0.12)
+    assert stages.quiet_time(controls.begun_at(PAPER, 2.5)) == 2.5
+    assert stages.quiet_time(PAPER.replace(surface=mt.surfaces.FlatSea())) == 0.0
+
+
+def test_the_steps_of_the_budget_add_up():
+    link = mt.Link()
+    gain = mt.simulate(link, mt.surfaces.FlatSea(), photons=64)
+    detector = mt.OokLink.of_link(link, bit_rate=1e6)
+    lines = readings.budget(stages.Signal(gain, detector=detector), link)
+    value = {b["name"]: float(b["text"].split()[0].replace("−", "-")) for b in lines}
+    names = "lost in the water", "scattered in", "spread, surface", "lens, filter"
+    assert value["lost in the water"] == pytest.approx(-4.343 * link.water.c * 10.0, abs=0.06)
+    total = value["lamp"] + sum(value[name] for name in names)
+    assert total == pytest.approx(value["received"], abs=0.3)  # of rounded steps
+    assert value["received"] - value["needed"] == pytest.approx(value["margin"], abs=0.11)
+    assert all(0.0 <= b["left"] <= b["left"] + b["width"] <= 100.0 + 1e-9 for b in lines)
+
+
+def test_one_quantity_has_one_scale(session):
+    """Gains were a number in dB, one times a power of ten, ratios, and a linear map."""
+    session.make_map()
+    assert session.wait(240.0)
+    shown, fading = readings.gain_reading(session), readings.fading_reading(session)
+    assert re.fullmatch(r"± 0\.\d+ dB", shown["error"])
+    relative = 10.0 ** (0.1 * np.array(fading["gain"]))
+    assert relative.mean() == pytest.approx(1.0, abs=1e-3)
+    image = readings.map_image(session.answer("map"))
+    assert all(re.match(r"−\d+(\.\d+)? dB", image[key]) for key in ("most", "least", "peak"))
 
 
 @pytest.mark.filterwarnings("ignore::meshtrace.FewSamplesWarning")  # of the dead link

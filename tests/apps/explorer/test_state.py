@@ -104,7 +104,7 @@ def test_another_water_ends_moves_of_its_numbers():
     assert moved.scenario.link.water == mt.Water.from_type("jerlov-II", 470.0)
     assert moved.values["depth"] == 12.0
     lit = controls.State(PAPER).moved({"light": "clear"}).moved({"sun": 60.0})
-    assert lit.moved({"light": "none"}).moves == (("light", "none"),)
+    assert lit.moved({"light": "none"}).moves == ()
     assert lit.moved({"light": "overcast"}).values["sun"] == 60.0
     typed = moved.moved({"a": 0.114})  # the number of the link as given
     assert typed.scenario.link.water.a == 0.114
@@ -199,7 +199,7 @@ def test_the_water_is_that_of_the_type(water):
         spectrum = mt.optics.Constituents(chlorophyll=0.5)
         expected = mt.Water(spectrum=spectrum, wavelength_nm=514.0)
     else:
-        expected = PAPER.link.water if water == controls.GIVEN else mt.Water.from_type(water, 514.0)
+        expected = mt.Water.from_type(water, 514.0)
     assert state.scenario.link.water == expected
     assert state.settings["water"] == water
 
@@ -207,8 +207,8 @@ def test_the_water_is_that_of_the_type(water):
 @pytest.mark.parametrize("light", controls.CHOICES["light"].words)
 def test_the_light_is_that_of_the_link_file(light):
     state = controls.State(PAPER).moved({"light": light})
-    text = "" if light == controls.GIVEN else f'[daylight]\nmodel = "{light}"'
-    assert state.scenario.daylight == Scenario.from_toml(text).daylight
+    expected = Scenario.from_toml(f'[daylight]\nmodel = "{light}"')
+    assert state.scenario.daylight == expected.daylight
     assert state.channel == PAPER
 
 
@@ -226,7 +226,7 @@ def test_links_downwards_move_as_well():
 def test_moves_act_on_the_link_as_given():
     state = controls.State(PAPER).moved({"wind": 0.0})
     assert state.scenario.surface.to_config()["kind"] == "flat"
-    back = state.moved({"water": "jerlov-I"}).moved({"wind": 5.0, "water": controls.GIVEN})
+    back = state.moved({"water": "jerlov-I"}).moved({"wind": 5.0, "water": controls.OWN})
     assert back == controls.State(PAPER)
     assert back.scenario == PAPER
 
@@ -243,6 +243,48 @@ def test_a_refused_move_names_the_value():
     ):
         with pytest.raises(Refused, match=field):
             state.moved(moves)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", {"light": "none", "water": "own", "lamp": "LED", "detector": "physical",
+              "aircraft": "none"}),
+        ('[water]\ntype = "jerlov-II"\n[transmitter]\nkind = "gaussian-beam"\n'
+         '[daylight]\nmodel = "overcast"\n[detector]\npreset = "paper"\nbit_rate = 2e6\n'
+         '[uav]\npreset = "dji-m300-rtk"',
+         {"light": "overcast", "water": "jerlov-II", "lamp": "laser", "detector": "paper",
+          "aircraft": "dji-m300-rtk"}),
+        ('[transmitter]\nkind = "isotropic"\n[uav]\nmass = 3', {"lamp": "own", "aircraft": "own"}),
+    ],
+)  # fmt: skip
+def test_menus_begin_with_what_the_link_has(text, words):
+    """Their first word was "as given", which told nothing."""
+    state = controls.State(Scenario.from_toml(text))
+    assert state.settings.items() >= words.items()
+    assert state.moved(words) == state
+
+
+def test_a_refusal_is_in_the_words_and_units_of_the_page():
+    told = {}
+    tried = {"fov": 400.0, "aperture": 0.0, "pde": 150.0, "depth": -1.0, "wind": 80.0, "a": -1.0,
+             "seed": 1.5, "height": "x", "half_angle": 90.0, "fetch": 0.0}  # fmt: skip
+    for name, value in tried.items():
+        with pytest.raises(Refused) as error:
+            controls.State(PAPER).moved({name: value})
+        told[name] = readings.refusal(name, error.value)
+    assert told == {
+        "fov": "Field of view: above 0 to 180 degrees",
+        "aperture": "Aperture radius: above 0 cm",
+        "pde": "Efficiency: above 0 to 100 %",
+        "depth": "Depth: above 0 to 12000 m",
+        "wind": "Wind: 0 to 60 m/s",
+        "a": "Absorption a: 0 or more 1/m",
+        "seed": "Waves, seed: a whole number",
+        "height": "Height: a number",
+        "half_angle": "Half angle: 0.001 to below 90 degrees",
+        "fetch": "Fetch: above 0 km",
+    }
 
 
 def test_links_without_a_value_have_no_such_control():

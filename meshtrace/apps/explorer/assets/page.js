@@ -184,7 +184,7 @@
             <rect :x="box.left + box.w + 14" :y="box.top + 16" width="12" :height="box.h - 16" fill="url(#mt-shades)" />
             <text :x="box.left + box.w + 14" :y="box.top + 8">gain</text>
             <text :x="box.left + box.w + 31" :y="box.top + 24">{{ image.most }}</text>
-            <text :x="box.left + box.w + 31" :y="box.top + box.h">0</text>
+            <text :x="box.left + box.w + 31" :y="box.top + box.h">{{ image.least }}</text>
           </g>
           <g v-if="wind !== null" class="mt-wind">
             <path :transform="'translate(24,' + (h - 26) + ') rotate(' + (-wind) + ')'" d="M-12 0 H10 M4 -5 L12 0 L4 5" />
@@ -205,16 +205,18 @@
   };
 
   const Series = {
-    // Gain over time relative to its mean, with the present time and a kept series; emits `seek`.
+    // Gain over time in dB about its mean, the least one that closes, the present time and a kept series;
+    // emits `seek`.
     mixins: [sized],
-    props: { time: Array, gain: Array, duration: Number, now: Number, faded: Boolean, other: { type: Object, default: null } },
+    props: { time: Array, gain: Array, duration: Number, now: Number, least: { type: Number, default: null }, faded: Boolean, other: { type: Object, default: null } },
     emits: ["seek"],
     computed: {
       ends() {
         const all = [...this.gain, ...(this.other?.gain ?? [])];
-        if (!all.length) return [0.9, 1.1];
-        const low = Math.min(...all), high = Math.max(...all);
-        const room = 0.08 * Math.max(high - low, 0.02);
+        if (!all.length) return [-1, 1];
+        let low = Math.min(...all), high = Math.max(...all);
+        if (Math.abs(this.least ?? 99) < 2 * (high - low)) [low, high] = [Math.min(low, this.least), Math.max(high, this.least)];
+        const room = 0.08 * Math.max(high - low, 0.1);
         return [low - room, high + room];
       },
       step() { return Math.min(...this.time.slice(1).map((t, i) => t - this.time[i])); },
@@ -255,7 +257,7 @@
       <div class="mt-chart" :class="{ 'mt-faded': faded }">
         <svg ref="svg" :width="w" :height="h" @click="seek" @keydown="key" tabindex="0" role="slider" aria-label="Time of the sea in the series of gains"
           aria-valuemin="0" :aria-valuemax="duration" :aria-valuenow="now" :aria-valuetext="now.toFixed(2) + ' s'">
-          <text class="mt-title" x="2" y="14">Gain over time / mean</text>
+          <text class="mt-title" x="2" y="14">Gain over its mean [dB]</text>
           <g class="mt-axis">
             <g v-for="t in xs" :key="'t' + t"><line :x1="x(t)" :x2="x(t)" :y1="h - 36" :y2="h - 32" />
               <text :x="x(t)" :y="h - 20" text-anchor="middle">{{ t }}</text></g>
@@ -265,6 +267,10 @@
           </g>
           <path v-if="kept" class="mt-line mt-kept" :d="kept" />
           <path class="mt-line" :d="path" />
+          <g v-if="least !== null && least > ends[0] && least < ends[1]" class="mt-axis"><line class="mt-least" :x1="46" :x2="w - 10" :y1="y(least)" :y2="y(least)" />
+            <text class="mt-least" :x="w - 10" :y="y(least) - 4" text-anchor="end">closes above</text></g>
+          <g v-if="kept && gain.length" class="mt-axis"><text class="mt-a" :x="w - 8" :y="y(other.gain[other.gain.length - 1]) - 6" text-anchor="end">A</text>
+            <text class="mt-b" :x="w - 24" :y="y(gain[gain.length - 1]) - 6" text-anchor="end">B</text></g>
           <line class="mt-now" :x1="x(now)" :x2="x(now)" :y1="22" :y2="h - 36" />
           <circle v-if="current !== null" class="mt-now" :cx="x(now)" :cy="y(current)" r="4" />
         </svg>
@@ -272,13 +278,13 @@
   };
 
   const Histogram = {
-    // Histogram of the gain relative to its mean, and the outline of a kept one.
+    // Histogram of the gain in dB about its mean, and the outline of a kept one.
     mixins: [sized],
     props: { gain: Array, faded: Boolean, other: { type: Object, default: null } },
     computed: {
       ends() {
         const all = [...this.gain, ...(this.other?.gain ?? [])];
-        return all.length < 8 ? [0.9, 1.1] : [Math.min(...all), Math.max(...all, Math.min(...all) + 1e-6)];
+        return all.length < 8 ? [-1, 1] : [Math.min(...all), Math.max(...all, Math.min(...all) + 1e-6)];
       },
       counts() { return this.count(this.gain); },
       others() { return this.other ? this.count(this.other.gain) : []; },
@@ -302,13 +308,13 @@
     },
     template: `
       <div class="mt-chart" :class="{ 'mt-faded': faded }">
-        <svg :width="w" :height="h" role="img" aria-label="Histogram of the gain over its mean">
+        <svg :width="w" :height="h" role="img" aria-label="Histogram of the gain over its mean [dB]">
           <rect v-for="(count, i) in counts" :key="i" class="mt-bar" :x="16 + i * width + 0.5" :width="Math.max(width - 1, 1)"
             :y="y(count)" :height="h - 36 - y(count)" />
           <path v-if="outline" class="mt-line mt-kept" :d="outline" />
           <g class="mt-axis"><line :x1="16" :x2="w - 16" :y1="h - 36" :y2="h - 36" />
             <text v-for="v in xs" :key="v" :x="x(v)" :y="h - 21" text-anchor="middle">{{ v }}</text>
-            <text :x="w / 2" :y="h - 5" text-anchor="middle">gain / mean</text></g>
+            <text :x="w / 2" :y="h - 5" text-anchor="middle">gain over its mean [dB]</text></g>
         </svg>
       </div>`,
   };
