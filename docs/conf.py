@@ -30,6 +30,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
+    "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
 ]
 exclude_patterns = ["_build", "_generated", "gallery", "examples/*.ipynb", "joss"]
@@ -39,6 +40,10 @@ nitpicky = False
 
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
+
+copybutton_prompt_text = r">>> |\.\.\. |\$ "  # not copied, nor is what a command prints
+copybutton_prompt_is_regexp = True
+copybutton_selector = "div.highlight:not(.highlight-text *):not(.output *) pre"
 
 nb_execution_in_temp = True
 nb_execution_raise_on_error = True
@@ -82,6 +87,8 @@ html_extra_path = [
     "gallery/pictures/movie.mp4",
 ]
 html_css_files = ["meshtrace.css"]
+html_js_files = ["pages.js"]
+html_search_scorer = "scorer.js"
 
 QUOTED = re.compile(r"(``[^`]*``|`[^`]*`)")
 MARKUP = re.compile(r"(\||(?<=\S)\*|(?<=\S )\*|(?<=\w)_(?!\w))")
