@@ -42,13 +42,13 @@ PAGE = DOCS / "link_file.md"
 INTRODUCTION = """\
 # Keys of a link file
 
-A link file is TOML; `meshtrace new` prints one with all keys at their defaults. `--set table.key=value`
-replaces a value, in Python `Scenario.load(path, {"table.key": value})`. Paths are relative to the file.
-Several transmitters, receivers or parts of a sea are written as `[[transmitter]]`, `[[receiver]]`,
-`[[sea.part]]`.
+A link file is TOML; `meshtrace new` prints one with all keys at their defaults.
+`--set table.key=value` replaces a value, in Python `Scenario.load(path, {"table.key": value})`.
+Paths are relative to the file. Several transmitters, receivers or parts of a sea are written as
+`[[transmitter]]`, `[[receiver]]`, `[[sea.part]]`.
 
-A key stands with its default, and with its other words; without a default its type is in parentheses. Keys
-of some kinds alone stand below the names of these.
+A key stands with its default, and with its other words; without a default its type is in
+parentheses. Keys of some kinds alone stand below the names of these.
 """
 
 TOP = {

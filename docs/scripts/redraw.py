@@ -45,9 +45,14 @@ FIXED = {
         "explorer_downlink",
         "explorer_phone",
     ),
-    "make_measured_table": tuple(
-        f"measured_{name}".replace("-", "_")
-        for name in (_MEASURED / "order.txt").read_text("utf-8").split()
+    "make_measured_table": (
+        "measured_forest",
+        "measured_rows",
+        *(
+            f"measured_{name}".replace("-", "_")
+            for name in (_MEASURED / "order.txt").read_text("utf-8").split()
+            if 'abscissa = "row"' not in (_MEASURED / name / "experiment.toml").read_text("utf-8")
+        ),
     ),
     "make_interleaving_figure": ("interleaving",),
     "make_modem_figure": ("modem",),
