@@ -162,8 +162,9 @@ def has_curve(experiment) -> bool:
     return experiment.abscissa != "row"
 
 
-def section(experiment) -> str:
-    """Return the text of an experiment: source, measurement, inputs and the main finding."""
+def section(experiment, rows: list[str]) -> str:
+    """Return the text of an experiment: source, measurement, inputs, rows, the main finding."""
+    listed = "\n".join(rows)
     doi = f", [doi](https://doi.org/{quote(experiment.doi)})" if experiment.doi else ""
     unknowns = "; ".join(
         f"{u.name.replace('_', ' ')} {u.nominal} ({', '.join(map(str, u.others))})"
@@ -174,11 +175,13 @@ def section(experiment) -> str:
     kind = "" if experiment.kind == "number" else "; in kind"
     alt = f"{experiment.title}: measured values beside computed bands"
     return f"""({experiment.name})=
-### {experiment.title}
+## {experiment.title}
 
 {experiment.source}{doi}. Read: {experiment.read}{kind}.
 
 {experiment.measured} *Open:* {unknowns}.
+
+{listed}
 
 *Found.* {opening(experiment.findings)}
 """ + (f"\n![{alt}]({picture})\n" if has_curve(experiment) else "")
@@ -191,12 +194,13 @@ def opening(text: str, words: int = 16) -> str:
     return " ".join(sentences[: 1 + next(i for i, end in enumerate(ends) if end >= words)])
 
 
-def row_of(table, i: int) -> list[str]:
-    """Return a row of the table: intervals with a dash, units beside the quantity."""
-    name, quantity, unit, *cells, verdict, dominant = table.text_rows()[i]
+def row_of(table, i: int) -> str:
+    """Return a row as an item of a list: intervals with a dash, verdicts but "inside"."""
+    _, quantity, unit, observed, computed, band, verdict, dominant = table.text_rows()[i]
     unit = "" if unit == "1" else f" [{unit}]"
-    cells = [cell.replace("|", "/").replace(" to ", "–").replace(" +- ", " ± ") for cell in cells]
-    return [f"[{name}](#{name})", quantity + unit, *cells, verdict, dominant]
+    computed = f"{computed.replace(' +- ', '±')} ({band.replace(' to ', '–')})"
+    verdict = "" if verdict == "inside" else f", **{verdict}**"
+    return f"- {quantity}{unit}: {observed.replace(' to ', '–')}; {computed}{verdict}; {dominant}"
 
 
 def main() -> None:
@@ -206,11 +210,12 @@ def main() -> None:
     matplotlib.use("Agg")
     viz.use_style()
     table = measured.MeasuredTable.load(sys.argv[1]) if sys.argv[1:] else measured.run()
-    rows = [row_of(table, i) for i in range(len(table.verdict))]
-    heads = [head for head in measured.HEADINGS if head != "unit"]
     about = f"Version {version('meshtrace')}; {table._headline()}."
     known = measured.experiments().values()
-    parts = [about, table_of(heads, rows), "## The experiments", *map(section, known)]
+    rows = {e.name: [] for e in known}
+    for i, name in enumerate(table.experiment):
+        rows[name].append(row_of(table, i))
+    parts = [about, *(section(e, rows[e.name]) for e in known)]
     (GENERATED / "measured_table.md").write_text("\n\n".join(parts), encoding="utf-8")
     draw_forest(table, whole=True)
     draw_forest(table, whole=False)

@@ -36,6 +36,7 @@ _MEASURED = ROOT / "meshtrace" / "apps" / "measured" / "data"
 FIXED = {
     "make_bands_figure": ("fading_bands",),
     "make_daylight_table": ("daylight_ranges",),
+    "make_design_figure": ("design",),
     "make_downlink_figure": ("downlink",),
     "make_explorer_pictures": (
         "explorer",

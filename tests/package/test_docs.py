@@ -140,7 +140,7 @@ def test_guides_show_what_their_commands_print(name, tmp_path, request):
     report = report_of(shlex.split(command), tmp_path)
     shown = "".join(line for line in shown.splitlines(True) if not line.startswith("warning:"))
     if shown.endswith("...\n"):
-        shown, report = shown[:-4], report.partition("LENS, FIELD OF VIEW")[0]
+        shown, report = shown[:-4], report.partition("FIGURES")[0]
     if request.config.getoption("--update-golden"):
         page.write_text(text.replace(shown.rstrip(), report.rstrip()), encoding="utf-8")
         return
