@@ -50,6 +50,7 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 600
 nb_merge_streams = True
 nb_output_stderr = "remove"
+nb_render_image_options = {"alt": "Drawn by the code above; the text below reads it"}
 
 SLOW = ("light_pattern", "movie", "plunging_crest")  # drawn by the tests, shown as kept
 sphinx_gallery_conf = {
@@ -88,7 +89,7 @@ html_extra_path = [
 ]
 html_css_files = ["meshtrace.css"]
 html_js_files = ["pages.js"]
-html_search_scorer = "scorer.js"
+html_search_scorer = str(Path(__file__).with_name("scorer.js"))
 
 QUOTED = re.compile(r"(``[^`]*``|`[^`]*`)")
 MARKUP = re.compile(r"(\||(?<=\S)\*|(?<=\S )\*|(?<=\w)_(?!\w))")

@@ -2,7 +2,7 @@
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 addEventListener("DOMContentLoaded", () => {
   for (const name of ["movie", "light_pattern"]) {
-    const link = document.querySelector(`.sphx-glr-thumbcontainer a[href="${name}.html"]`);
+    const link = document.querySelector(`.sphx-glr-thumbcontainer a[href^="${name}.html"]`);
     if (!link) continue;
     const box = link.closest(".sphx-glr-thumbcontainer");
     const play = () => {

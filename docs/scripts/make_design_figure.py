@@ -47,7 +47,7 @@ def main() -> None:
         ax.annotate("", (best, y), (given, y), arrowprops={"arrowstyle": "-|>", "color": color,
                     "lw": 2.5, "shrinkA": 0, "shrinkB": 0})  # fmt: skip
         ax.plot(given, y, "o", color="black", ms=6)
-        verdict = "closes" if best >= 0.0 else "does not close"
+        verdict = "closes" if best >= 0.0 else "short"
         ax.text(best + 1.0, y, f"{best:+.1f} dB: {verdict}", va="center", fontsize=9, color=color)
         ax.text(given - 1.0, y, f"{given:+.1f}", va="center", ha="right", fontsize=9)
     ax.axvline(0.0, color="black", lw=1.0)

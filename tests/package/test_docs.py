@@ -360,6 +360,25 @@ def test_every_group_of_the_api_is_in_the_index():
     assert set(re.findall(r"^(\w+)$", index, re.MULTILINE)) == pages
 
 
+@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.stem)
+def test_pictures_have_words_for_those_who_do_not_see_them(page):
+    text = page.read_text("utf-8")
+    words = re.findall(r"!\[([^\]]*)\]\(", text)
+    words += [re.sub(r".*\n:alt: |\n[^:].*", "", f, flags=re.S) for f in FIGURES.findall(text)]
+    assert all(len(alt.split()) > 1 for alt in words), words
+
+
+FIGURES = re.compile(r"^:::\{figure\} .*?^:::$", re.M | re.S)
+
+
+def test_the_side_bar_is_short_and_by_task():
+    groups = re.findall(
+        r":caption: (.*)\n\n((?:[\w/]+\n)+)", (DOCS / "index.md").read_text("utf-8")
+    )
+    assert [name for name, _ in groups] == "Start|Learn|Do|Look up|Trust|Contribute".split("|")
+    assert sum(len(pages.split()) for _, pages in groups) <= 16
+
+
 @pytest.mark.parametrize("page", WRITTEN, ids=lambda page: page.stem)
 def test_formulas_are_typeset(page):
     """The renderer knows each command of them, and no formula of the text is plain."""
