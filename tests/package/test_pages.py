@@ -15,9 +15,9 @@ TALL = """return [...document.querySelectorAll(".math-block, pre")]
     .filter(e => e.scrollHeight > e.clientHeight).map(e => e.textContent.slice(0, 60))"""
 """Formulas and blocks that are cut off below, or have a scrollbar for a few pixels of height."""
 
-SILENT = """return [...document.querySelectorAll("article img")]
+SILENT = """return [...document.querySelectorAll("article img:not(.sphx-glr-thumbcontainer img)")]
     .filter(e => !e.alt.trim()).map(e => e.src)"""
-"""Pictures without words."""
+"""Pictures without words, but thumbnails, whose links have them."""
 LOWEST = """return Math.max(...[...document.querySelectorAll("h1, h1 + p, .buttons a")]
     .map(e => e.getBoundingClientRect().bottom))"""
 """Lower edge of headline, first sentence and buttons of the landing page."""
@@ -70,7 +70,7 @@ def test_the_landing_page_says_what_it_is_above_the_fold(browser):
 
 
 def test_guides_come_before_single_names(browser):
-    browser.get((HTML / "search.html?q=lidar").as_uri())
+    browser.get(f"{(HTML / 'search.html').as_uri()}?q=lidar")
     found = (
         "return [...document.querySelectorAll('ul.search li a')].map(e => e.getAttribute('href'))"
     )
