@@ -1,6 +1,16 @@
-// Movies of the gallery play over their thumbnails while these are pointed at or have the focus.
+// Names and levels that a reader by ear needs, and movies of the gallery over their thumbnails while
+// these are pointed at or have the focus.
 const still = matchMedia("(prefers-reduced-motion: reduce)");
+addEventListener("load", () => {
+  for (const e of document.querySelectorAll("article pre, article table, .math-block"))
+    if (e.scrollWidth > e.clientWidth) e.tabIndex = 0;  // scrolled by the keyboard, too
+});
 addEventListener("DOMContentLoaded", () => {
+  for (const e of document.querySelectorAll(".caption[role=heading]")) e.ariaLevel = 2;
+  document.querySelector(".sidebar-drawer")?.setAttribute("aria-label", "Pages");
+  document.querySelector(".toc-drawer")?.setAttribute("aria-label", "On this page");
+  for (const a of document.querySelectorAll(".sphx-glr-thumbcontainer a"))
+    a.setAttribute("aria-label", a.textContent.trim());
   for (const name of ["movie", "light_pattern"]) {
     const link = document.querySelector(`.sphx-glr-thumbcontainer a[href^="${name}.html"]`);
     if (!link) continue;

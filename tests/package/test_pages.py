@@ -76,3 +76,11 @@ def test_guides_come_before_single_names(browser):
     )
     links = until(lambda: browser.execute_script(found), "no page was found")
     assert "api/" not in links[0]
+
+
+@pytest.mark.parametrize("page", ["index.html", "examples/index.html", "guides/design.html"])
+def test_a_page_is_accessible(browser, page):
+    axe = pytest.importorskip("axe_core_python.selenium").Axe()
+    browser.get((HTML / page).as_uri())
+    found = axe.run(browser)["violations"]
+    assert not [(v["id"], v["nodes"][0]["html"]) for v in found]
