@@ -30,21 +30,28 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
+    "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
 ]
 exclude_patterns = ["_build", "_generated", "gallery", "examples/*.ipynb", "joss"]
 templates_path = ["_templates"]
 default_role = "code"
 nitpicky = False
+smartquotes = False  # words of link files are quoted as they are typed
 
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
+
+copybutton_prompt_text = r">>> |\.\.\. |\$ "  # not copied, nor is what a command prints
+copybutton_prompt_is_regexp = True
+copybutton_selector = "div.highlight:not(.highlight-text *):not(.output *) pre"
 
 nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 600
 nb_merge_streams = True
 nb_output_stderr = "remove"
+nb_render_image_options = {"alt": "Drawn by the code above; the text below reads it"}
 
 SLOW = ("light_pattern", "movie", "plunging_crest")  # drawn by the tests, shown as kept
 sphinx_gallery_conf = {
@@ -82,6 +89,8 @@ html_extra_path = [
     "gallery/pictures/movie.mp4",
 ]
 html_css_files = ["meshtrace.css"]
+html_js_files = ["pages.js"]
+html_search_scorer = str(Path(__file__).with_name("scorer.js"))
 
 QUOTED = re.compile(r"(``[^`]*``|`[^`]*`)")
 MARKUP = re.compile(r"(\||(?<=\S)\*|(?<=\S )\*|(?<=\w)_(?!\w))")

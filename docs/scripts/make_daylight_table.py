@@ -98,14 +98,13 @@ def main(seas=16):
 
 
 def write_table(fades, lights):
-    rows = ["| filter, field of view | light | radiance [W m⁻² sr⁻¹ nm⁻¹] | 1 Mbit/s | 5 Mbit/s |"
+    rows = ["| filter, field of view | light | radiance | 1 Mbit/s | 5 Mbit/s |"
             " 10 Mbit/s |", "|---|---|---|---|---|---|"]  # fmt: skip
     for width, fov in TABLE_ROWS:
         for name, background in lights[fov].items():
             cells = [as_text(ranges(fades[fov], background, fov, r, width)) for r in RATES]
-            value, error = background.radiance, background.radiance_stderr
-            radiance = f"{value:.2e} ± {100.0 * error / value:.0f} %"
-            rows.append(f"| {width:g} nm, {fov:g}° | {name} | {radiance} | {' | '.join(cells)} |")
+            about = f"{width:g} nm, {fov:g}° | {name.replace(' at zenith angle', '')}"
+            rows.append(f"| {about} | {background.radiance:.2e} | {' | '.join(cells)} |")
     (GENERATED / "daylight_table.md").write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 

@@ -18,6 +18,7 @@ from paper.runner import number_text
 
 FOLDER = DOCS / "extra" / "figures"
 TABLE = GENERATED / "figures_table.md"
+NOT_SHOWN = ("RMSE", "MAE", "KS", "KL", "Kolmogorov")
 
 
 def table() -> str:
@@ -29,20 +30,20 @@ def table() -> str:
     rows = [
         f"The whole page took {wall:.0f} minutes, and {cpu:.0f} minutes of CPU.",
         "",
-        "| figure | quantity | unit | the paper prints | default | paper preset |",
-        "|---|---|---|---|---|---|",
+        "| figure | quantity | printed | default | paper preset |",
+        "|---|---|---|---|---|",
     ]
     for name, record in records.items():
         for row in record["rows"]:
-            if row["printed"] is None:
+            # parameters, which agree, and measures of fits are on the page of the figures
+            if row["printed"] is None or row["quantity"].startswith(NOT_SHOWN) or name == "link":
                 continue
             found = (html.unescape(number_text(row[form])) for form in ("default", "paper"))
             cells = (
-                f'<a href="figures/index.html#{name}">{record["number"]}</a>',
-                row["quantity"],
-                row["unit"],
+                record["number"],
+                row["quantity"] + f" [{row['unit']}]" * (row["unit"] != "1"),
                 f"{row['printed']:.4g}",
-                *found,
+                *(text.replace(" ± ", "±") for text in found),
             )
             rows.append("| " + " | ".join(cells) + " |")
     return "\n".join(rows) + "\n"

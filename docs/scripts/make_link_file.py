@@ -6,8 +6,9 @@ import inspect
 import json
 import re
 import tomllib
-from collections.abc import Callable, Mapping
-from typing import Annotated, Any, Literal, get_args, get_origin
+from collections.abc import Callable, Iterable, Mapping
+from itertools import groupby
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
 
 from places import DOCS
 
@@ -41,15 +42,13 @@ PAGE = DOCS / "link_file.md"
 INTRODUCTION = """\
 # Keys of a link file
 
-A link file is TOML. Every key has a default, and `meshtrace new` prints a file with all of them.
-On the command line `--set table.key=value` replaces a value, in Python
-`Scenario.load(path, {"table.key": value})`. Paths are relative to the folder of the file. Several
-transmitters, receivers or parts of a sea are written as `[[transmitter]]`, `[[receiver]]` and
-`[[sea.part]]`.
+A link file is TOML; `meshtrace new` prints one with all keys at their defaults.
+`--set table.key=value` replaces a value, in Python `Scenario.load(path, {"table.key": value})`.
+Paths are relative to the file. Several transmitters, receivers or parts of a sea are written as
+`[[transmitter]]`, `[[receiver]]`, `[[sea.part]]`.
 
-A study file of `meshtrace sweep` also has the tables `[sweep]` and `[sweep.parameters]`.
-
-This page is written from the models by `docs/scripts/make_link_file.py`.
+A key stands with its default, and with its other words; without a default its type is in
+parentheses. Keys of some kinds alone stand below the names of these.
 """
 
 TOP = {
@@ -138,8 +137,29 @@ ELSEWHERE: dict[type[Model], set[str]] = {
 }
 """Fields that another table, or other keys, give."""
 
-HEADS = ["key", "type", "default", "meaning"]
-Row = tuple[str, str, str, str]
+
+class Row(NamedTuple):
+    """Key with its type, its default as TOML writes it or an example, and its meaning."""
+
+    key: str
+    type: str
+    default: str
+    meaning: str
+
+    @property
+    def head(self) -> str:
+        """Key with its default and other words, or with its type where a default does not tell."""
+        words = re.findall(r'"[^"]*"', self.type) if self.type.startswith("{") else []
+        if self.default.startswith("e.g."):
+            return f"`{self.key}` ({self.type}, {self.default})"
+        if not self.default:
+            return f"`{self.key}` ({'/'.join(f'`{word}`' for word in words) or self.type})"
+        others = [f"`{word}`" for word in words if f"`{word}`" != self.default]
+        told = words or re.fullmatch(
+            r"float|int|bool|str|\(?(float, )*float\)?|array of float", self.type
+        )
+        rest = "" if told else f" ({self.type})"
+        return f"`{self.key}` = {'/'.join([self.default, *others])}{rest}"
 
 
 def shown(value: Any) -> str:
@@ -190,10 +210,10 @@ def rows(model: type[Model]) -> list[Row]:
         if name not in skipped:
             default = field.get_default(call_default_factory=True)
             type_ = typed(types.get(name, ("", ""))[0], field.annotation)
-            found.append((f"`{name}`", type_, shown(default), notes.get(name, "")))
+            found.append(Row(name, type_, shown(default), notes.get(name, "")))
     if issubclass(model, Family) and hasattr(model, "from_file"):
-        columns = " and ".join(row[0] for row in found[:2])
-        found.append(("`file`", "str", "", f"Text file with columns of {columns}, in their place"))
+        columns = " and ".join(f"`{row.key}`" for row in found[:2])
+        found.append(Row("file", "str", "", f"Text file with columns of {columns}, in their place"))
     return found
 
 
@@ -206,7 +226,7 @@ def rows_of(functions: tuple[Callable[..., Any], ...]) -> list[Row]:
             type_, text = notes.get(name, ("", ""))
             if name not in NO_KEYS and not text.startswith("As in"):
                 note = re.split(r"(?<=\w)[.:;](?: |$)", text, maxsplit=1)[0]
-                row = (f"`{name}`", typed(type_), shown(parameter.default), note)
+                row = Row(name, typed(type_), shown(parameter.default), note)
                 found.setdefault(name, row)
     return list(found.values())
 
@@ -217,31 +237,36 @@ def rows_of_unset(title: str, covered: str) -> list[Row]:
     for line in unset_keys().get(title.strip("[]"), []):
         key, _, rest = line.partition(" = ")
         example, _, note = rest.partition("  # ")
-        name = f"`{key.strip(chr(34))}`"
+        name = key.strip('"')
         type_ = type(tomllib.loads(f"x = {example}")["x"]).__name__.replace("list", "array")
-        if f"| {name} |" not in covered:
-            found.append((name, type_, f"e.g. `{example}`", note))
+        if not re.search(rf"(?:^- |, )`{name}`", covered, re.MULTILINE):
+            found.append(Row(name, type_, f"e.g. `{example}`", note))
     return found
 
 
-def table(heads: list[str], found: list[Any]) -> list[str]:
-    """Return rows as lines of a table with an empty line, or nothing without rows."""
-    lines = ["| " + " | ".join(text.replace("|", "\\|") for text in row) + " |" for row in found]
-    head = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
-    return [*head, *(line.replace("\\\\|", "\\|") for line in lines), ""] if lines else []
+def items(found: Iterable[Row]) -> list[str]:
+    """Return rows as lines of a list with an empty line; neighbours of one meaning share a line."""
+    lines = [
+        f"- {', '.join(row.head for row in group)}: {meaning.rstrip('.')}"
+        for meaning, group in groupby(found, key=lambda row: row.meaning)
+    ]
+    return [*lines, ""] if lines else []
 
 
 def family(kinds: Mapping[str, type[Model]]) -> list[str]:
-    """Return a table of the kinds, and one of all their keys with the kinds that have them."""
-    about = [(f"`{k}`", (m.__doc__ or "").strip().splitlines()[0]) for k, m in kinds.items()]
+    """Return a list of the kinds, and one of their keys for each group of kinds that have them."""
+    about = [f"- **{k}**: {(m.__doc__ or '').strip().splitlines()[0]}" for k, m in kinds.items()]
     owners: dict[Row, list[str]] = {}
     for kind, model in kinds.items():
         for row in rows(model):
-            owners.setdefault(row, []).append(f"`{kind}`")
-    found = []
-    for (key, *rest), of in sorted(owners.items(), key=lambda item: -len(item[1])):
-        found.append((key, "all" if len(of) == len(kinds) else ", ".join(of), *rest))
-    return table(["name", "meaning"], about) + table(["key", "of", *HEADS[1:]], found)
+            owners.setdefault(row, []).append(kind)
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    for row, of in owners.items():
+        groups.setdefault(tuple(of), []).append(row)
+    lines = [*about, ""]
+    for of, group in sorted(groups.items(), key=lambda item: -len(item[0])):
+        lines += ["All:" if len(of) == len(kinds) else f"*{', '.join(of)}*:", "", *items(group)]
+    return lines
 
 
 def seas() -> list[str]:
@@ -253,7 +278,7 @@ def seas() -> list[str]:
     del kinds["spectral"], kinds["sum"]
     lines = family({**kinds, "a spectrum": spectral, "[[sea.part]]": Surface.registered["sum"]})
     for title, functions in READERS.items():
-        lines += [f"### {title[0].upper()}{title[1:]}", "", *table(HEADS, rows_of(functions))]
+        lines += [f"### {title[0].upper()}{title[1:]}", "", *items(rows_of(functions))]
     return lines
 
 
@@ -268,14 +293,14 @@ def inner(model: type[Model]) -> list[tuple[str, type[Model]]]:
 
 
 def section(title: str, text: str, models: Part) -> list[str]:
-    """Return a section with a table for each model."""
+    """Return a section with a list for each model."""
     lines = [f"## {title}", ""] + ([text, ""] if text else [])
     if not isinstance(models, list):
         found = seas() if models is Surface else family(models.registered)
-        return lines + table(HEADS, rows_of_unset(title, "\n".join(found))) + found
-    lines += table(HEADS, rows_of_unset(title, ""))
+        return lines + items(rows_of_unset(title, "\n".join(found))) + found
+    lines += items(rows_of_unset(title, ""))
     for model in models:
-        found = table(HEADS, rows(model))
+        found = items(rows(model))
         lines += [f"`{model.__name__}`:", "", *found] if found and len(models) > 1 else found
     for model in models:
         for name, part in inner(model):
@@ -285,8 +310,8 @@ def section(title: str, text: str, models: Part) -> list[str]:
 
 def page() -> str:
     """Return the page."""
-    top = [(f"`{key}`", type_, f"`{value}`", note) for key, (type_, value, note) in TOP.items()]
-    lines = [INTRODUCTION, "## Keys at the top", "", *table(HEADS, top)]
+    top = [Row(key, type_, f"`{value}`", note) for key, (type_, value, note) in TOP.items()]
+    lines = [INTRODUCTION, "## Keys at the top", "", *items(top)]
     for one in SECTIONS:
         lines += section(*one)
     return "\n".join(lines).rstrip() + "\n"

@@ -1,4 +1,4 @@
-"""Write the tables of measured.md and draw its figures: measured points over computed bands.
+"""Write the tables of measured.md and draw its figures: all rows as ratios, curves with points.
 
 python docs/scripts/make_measured_table.py [TABLE.nc]   # of meshtrace validate --suite measured
 python docs/scripts/make_measured_table.py shares       # of a laser by phase function
@@ -8,15 +8,15 @@ The suite takes some three CPU minutes, the shares five more.
 
 from __future__ import annotations
 
-import math
+import re
 import sys
-import textwrap
 from importlib.metadata import version
+from itertools import accumulate
 from urllib.parse import quote
 
 import matplotlib
 import numpy as np
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import NullFormatter
 from places import GENERATED, STATIC
 
 from meshtrace import viz
@@ -52,12 +52,67 @@ def write_shares() -> None:
                 ]
                 name = phase.replace("ff", "Fournier-Forand").rsplit(" 0.", 1)[0]
                 share = f"{beams.phase_of(phase).backscatter_fraction:.4f}"
-                shown = [f"{value:.5f} ± {error:.5f}" for value, error in cells]
+                shown = [f"{value:.5f}({1e5 * error:.0f})" for value, error in cells]
                 rows.append([name, share, surface, f"{length:g}", *shown])
         print(*rows[-2:], sep="\n", flush=True)
     (GENERATED / "measured_shares_table.md").write_text(
         table_of(heads, rows) + "\n", encoding="utf-8"
     )
+
+
+TICKS = {0.25: "÷4", 0.5: "÷2", 0.8: "0.8", 1.0: "1", 1.25: "1.25", 2.0: "×2", 4.0: "×4"}
+
+
+def draw_forest(table, whole: bool) -> None:
+    """Draw computed over measured values: each row on a line, or each experiment."""
+    from matplotlib import pyplot as plt
+
+    data = table.to_dataset()
+    data = data.isel(row=(data.observed > 0.0) & (data.computed > 0.0) & (data.observed_low > 0.0))
+    names = list(dict.fromkeys(data.experiment.to_numpy().tolist()))
+    first = [data.experiment.to_numpy().tolist().index(name) for name in names]
+    y = -np.arange(data.sizes["row"], dtype=float)
+    if not whole:
+        y = -np.array([names.index(name) for name in data.experiment.to_numpy()], float)
+    size = (7.2, 1.0 + (0.19 if whole else 0.27) * np.ptp(y))
+    figure, ax = plt.subplots(figsize=size, layout="constrained")
+    parts = "observed_low", "observed_high", "band_low", "band_high", "computed"
+    left, right, low, high, ratio = (
+        data[name].to_numpy() / data.observed.to_numpy() for name in parts
+    )
+    inside = data.verdict.to_numpy() == "inside"
+    for good, color, mark in ((True, COLORS[0], "o"), (False, COLORS[1], "D")):
+        at = inside == good
+        if whole:
+            ax.barh(y[at], (right - left)[at], left=left[at], height=0.7, color="#d0d0d0", lw=0)
+            ax.hlines(y[at], np.maximum(low, 0.1)[at], high[at], color=color, lw=2.2)
+        label = "computed, inside" if good else "outside"
+        ax.plot(ratio[at], y[at], mark, ms=5, color=color, mec="white", mew=0.6, label=label)
+    edge = 0.2 if whole else 0.3
+    beyond = ratio < edge
+    ax.plot(np.full(beyond.sum(), 1.03 * edge), y[beyond], "<", ms=5, color=COLORS[0])
+    for name, i in zip(names, first, strict=True):
+        if whole:
+            ax.axhline(y[i] + 0.5, color="#bbbbbb", lw=0.5)
+            ax.text(1.01, y[i], name, transform=ax.get_yaxis_transform(), va="center", fontsize=7)
+    known = measured.experiments()
+    words = data.observable.to_numpy() if whole else [known[name].title for name in names]
+    ax.set_yticks(y if whole else np.unique(y)[::-1],
+                  [str(word).replace("K_d", "$K_d$") for word in words], fontsize=7)  # fmt: skip
+    ax.axvline(1.0, color="black", lw=0.8)
+    ax.set(xscale="log", xlim=(edge, 8.0 if whole else 3.0), ylim=(y.min() - 0.6, 0.6))
+    ticks = [tick for tick in TICKS if whole or 0.3 < tick < 3.0]
+    ax.set_xticks(ticks, [TICKS[tick] for tick in ticks], fontsize=8)
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    ax.minorticks_off()
+    ax.grid(axis="y", visible=False)
+    ax.set_xlabel("computed / measured", fontsize=9)
+    if whole:
+        ax.bar(1.0, 0.0, color="#d0d0d0", label="measured")
+        ax.plot([], [], color=COLORS[0], lw=2.2, label="band of open inputs")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, frameon=False, fontsize=8)
+    figure.savefig(STATIC / f"measured_{'rows' if whole else 'forest'}.png", dpi=150)
+    plt.close(figure)
 
 
 def draw(experiment, table) -> None:
@@ -67,19 +122,14 @@ def draw(experiment, table) -> None:
     data = table.to_dataset()
     data = data.isel(row=np.array(table.experiment) == experiment.name)
     series = np.array([row.series for row in experiment.rows])
-    lying = experiment.abscissa == "row"
-    height = 1.1 + 0.46 * len(series) if lying else 3.0
-    figure, ax = plt.subplots(figsize=(4.6, height), layout="constrained")
-    if lying:
-        draw_lying(ax, data, experiment.ordinate)
-    else:
-        chosen = [name for name in dict.fromkeys(series) if name != "ratio"]
-        for i, name in enumerate(chosen):
-            label = NAMES.get(name, name) if len(chosen) > 1 else ""
-            span = float(np.ptp(data.abscissa.to_numpy()))
-            draw_series(ax, data.isel(row=series == name), span, i, len(chosen), label)
-        ax.set(xlabel=experiment.abscissa, ylabel=experiment.ordinate, ylim=(0.0, None))
-        ax.legend(frameon=False, fontsize=8)
+    figure, ax = plt.subplots(figsize=(4.6, 3.0), layout="constrained")
+    chosen = [name for name in dict.fromkeys(series) if name != "ratio"]
+    for i, name in enumerate(chosen):
+        label = NAMES.get(name, name) if len(chosen) > 1 else ""
+        span = float(np.ptp(data.abscissa.to_numpy()))
+        draw_series(ax, data.isel(row=series == name), span, i, len(chosen), label)
+    ax.set(xlabel=experiment.abscissa, ylabel=experiment.ordinate, ylim=(0.0, None))
+    ax.legend(frameon=False, fontsize=8)
     name = experiment.name.replace("-", "_")
     figure.savefig(STATIC / f"measured_{name}.png", dpi=200, bbox_inches="tight")
     plt.close(figure)
@@ -107,72 +157,50 @@ def draw_series(ax, rows, span, i, series, label) -> None:
                     label=f"measured{', ' * bool(label)}{label}")  # fmt: skip
 
 
-def draw_lying(ax, rows, label) -> None:
-    """Draw each row on a line: band, nominal value, and below it the measured interval."""
-    low, high = rows.band_low.to_numpy(), rows.band_high.to_numpy()
-    left, right = rows.observed_low.to_numpy(), rows.observed_high.to_numpy()
-    y = np.arange(len(low))[::-1].astype(float)
-    ax.barh(y, high - low, left=low, height=0.36, color=COLORS[0], alpha=0.25, label="band")
-    ax.plot(rows.computed, y, "|", ms=12, mew=2, color=COLORS[0], label="computed")
-    every = np.concatenate([low, high, left, right])
-    every = every[np.isfinite(every)]  # limits that are open, and predictions without a measurement
-    if low.min() > 0.0 and every.max() > 20.0 * every.min() > 0.0:
-        ax.set(xscale="log", xlim=(every.min() / 1.2, every.max() * 1.2))
-        ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        ax.xaxis.set_minor_formatter(NullFormatter())
-    else:
-        margin = 0.08 * np.ptp(every)
-        ax.set_xlim(every.min() - margin, every.max() + margin)
-    measured = np.isfinite(left)
-    lines = left, right, rows.observed.to_numpy(), y - 0.32
-    for a, b, value, at in zip(*(line[measured] for line in lines), strict=True):
-        ends = "|>" if math.isinf(b) else "||"
-        stop = ax.get_xlim()[1] * 0.98 if math.isinf(b) else b
-        ax.plot([a, stop], [at, at], color="black", lw=1.2)
-        for place, mark in zip((a, stop), ends, strict=True):
-            ax.plot(place, at, mark, color="black", ms=6)
-        if np.isfinite(value):
-            ax.plot(value, at, "o", color="black", ms=4)
-    ax.plot([], [], "|-", color="black", label="measured")
-    ax.set_yticks(
-        y, [wrapped(str(name)).replace("K_d", "$K_d$") for name in rows.observable.to_numpy()]
-    )
-    ax.set(xlabel=label, ylim=(-0.65, len(y) - 0.6))
-    ax.grid(axis="y", visible=False)
-    ax.legend(loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=3, frameon=False, fontsize=8)
+def has_curve(experiment) -> bool:
+    """Return whether the rows lie along an abscissa; others are in the picture of all rows."""
+    return experiment.abscissa != "row"
 
 
-def wrapped(text: str) -> str:
-    return "\n".join(textwrap.wrap(text, 26))
-
-
-def section(experiment) -> str:
-    """Return the text of an experiment: source, measurement, inputs and findings."""
+def section(experiment, rows: list[str]) -> str:
+    """Return the text of an experiment: source, measurement, inputs, rows, the main finding."""
+    listed = "\n".join(rows)
     doi = f", [doi](https://doi.org/{quote(experiment.doi)})" if experiment.doi else ""
-    unknowns = "\n".join(
-        f"- `{u.name}` {u.nominal} ({', '.join(map(str, u.others))}) {u.unit}: {u.authority}"
+    unknowns = "; ".join(
+        f"{u.name.replace('_', ' ')} {u.nominal} ({', '.join(map(str, u.others))})"
+        + f" {u.unit}" * (u.unit != "1")
         for u in experiment.unknowns
-    ).replace(" 1: ", ": ")
+    )
     picture = f"_static/measured_{experiment.name.replace('-', '_')}.png"
     kind = "" if experiment.kind == "number" else "; in kind"
+    alt = f"{experiment.title}: measured values beside computed bands"
     return f"""({experiment.name})=
 ## {experiment.title}
 
 {experiment.source}{doi}. Read: {experiment.read}{kind}.
 
-*Measured.* {experiment.measured}
+{experiment.measured} *Open:* {unknowns}.
 
-*Tests* {experiment.tests}.
+{listed}
 
-*Not reported.* {experiment.unreported} Inputs, nominal (other values):
+*Found.* {opening(experiment.findings)}
+""" + (f"\n![{alt}]({picture})\n" if has_curve(experiment) else "")
 
-{unknowns}
 
-![Measured values beside computed bands]({picture})
+def opening(text: str, words: int = 16) -> str:
+    """Return the first sentences of a text with as many words or more."""
+    sentences = re.split(r"(?<=[a-z0-9)%][.]) (?=[A-Z])", text)
+    ends = accumulate(len(sentence.split()) for sentence in sentences)
+    return " ".join(sentences[: 1 + next(i for i, end in enumerate(ends) if end >= words)])
 
-*Found.* {experiment.findings}
-"""
+
+def row_of(table, i: int) -> str:
+    """Return a row as an item of a list: intervals with a dash, verdicts but "inside"."""
+    _, quantity, unit, observed, computed, band, verdict, dominant = table.text_rows()[i]
+    unit = "" if unit == "1" else f" [{unit}]"
+    computed = f"{computed.replace(' +- ', '±')} ({band.replace(' to ', '–')})"
+    verdict = "" if verdict == "inside" else f", **{verdict}**"
+    return f"- {quantity}{unit}: {observed.replace(' to ', '–')}; {computed}{verdict}; {dominant}"
 
 
 def main() -> None:
@@ -182,16 +210,16 @@ def main() -> None:
     matplotlib.use("Agg")
     viz.use_style()
     table = measured.MeasuredTable.load(sys.argv[1]) if sys.argv[1:] else measured.run()
-    rows = [
-        [f"[{name}](#{name})", *(cell.replace("|", "/") for cell in cells)]
-        for name, *cells in table.text_rows()
-    ]
-    script = "docs/scripts/make_measured_table.py"
-    about = f"Version {version('meshtrace')}, `{script}`; {table._headline()}."
+    about = f"Version {version('meshtrace')}; {table._headline()}."
     known = measured.experiments().values()
-    parts = [about, table_of(measured.HEADINGS, rows), *map(section, known)]
+    rows = {e.name: [] for e in known}
+    for i, name in enumerate(table.experiment):
+        rows[name].append(row_of(table, i))
+    parts = [about, *(section(e, rows[e.name]) for e in known)]
     (GENERATED / "measured_table.md").write_text("\n\n".join(parts), encoding="utf-8")
-    for experiment in known:
+    draw_forest(table, whole=True)
+    draw_forest(table, whole=False)
+    for experiment in filter(has_curve, known):
         draw(experiment, table)
 
 

@@ -22,7 +22,7 @@ def main() -> None:
     result = bench(Scenario.from_config({"wind_speed": 13.0, "bubbles": "none"}), cold=True)
     e = result["environment"]
     machine = (
-        f"on {result['cores']} cores of {e['machine']}, meshtrace {e['meshtrace']}, "
+        f"on {result['cores']} cores of {e['machine']}, "
         f"Python {e['python']}, numba {e['numba']}, embreex {e['embreex']}"
     )
     PAGE.write_text(f"```text\n{report(result)}\n{machine}\n```\n", encoding="utf-8")

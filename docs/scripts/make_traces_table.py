@@ -136,9 +136,7 @@ def closed_forms(folder: Path) -> list[str]:
         sea = fading.resolve_band(link, sea_in_wind(wind), "fading")
         wanted = fading.gain_autocovariance(link, sea, LAGS, heights=True)
         found, error = covariances(bursts(folder, wind, depth, height))
-        texts = [
-            f"{f:.3f} ± {e:.3f} ({w:.3f})" for f, e, w in zip(found, error, wanted, strict=True)
-        ]
+        texts = [f"{f:.3f}±{e:.3f} ({w:.3f})" for f, e, w in zip(found, error, wanted, strict=True)]
         rows.append(f"| {wind:g} m/s, {depth:g} m, {height:g} m | " + " | ".join(texts) + " |")
     return rows
 

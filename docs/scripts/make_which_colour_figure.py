@@ -37,8 +37,7 @@ WATERS = {
 
 DEPTHS = (2.0, 5.0, 10.0, 20.0, 40.0)
 DEEPEST = {"ocean, C = 1": 20.0, "ocean, C = 3": 20.0, "coast": 10.0}  # else the last
-ROWS = (5.0, 10.0, 20.0, 40.0)  # depths of the table [m]
-WIDER = 10.0  # that of the rows with the wider filter
+ROWS = (10.0, 20.0, 40.0)  # depths of the table [m]
 WAVELENGTHS = np.array(sorted({*range(400, 621, 10), 532}), float)
 CHOICES = (450.0, 470.0, 520.0, 532.0)
 FILTERS = {"night": 0.0, "day, 2 nm": 2.0, "day, 10 nm": 10.0}  # [nm]
@@ -139,19 +138,11 @@ def margins(link: mt.Link, depth: float, need: dict[str, np.ndarray]) -> dict[st
 
 def table_row(water: str, depth: float, light: str, found: Margins) -> str:
     best, at = int(found.whole.argmax()), WAVELENGTHS.tolist()
-    margin = with_error(found.whole[best], found.error(found.without[:, best]), 1)
-    cells = [water, f"{depth:g}", light, f"{found.best:.0f}", found.flat, margin]
-    for choice in CHOICES:
-        i = at.index(choice)
-        error = found.error(found.without[:, best] - found.without[:, i])
-        cells.append(with_error(found.lost[i], error, 2))
+    flat, error = found.flat.replace(" to ", "–"), found.error(found.without[:, best])
+    margin = f"{found.whole[best]:.1f}±{max(math.ceil(10.0 * error), 1) / 10.0:.1f}"
+    cells = [water, f"{depth:g}", light.partition(",")[0], f"{found.best:.0f}", flat, margin]
+    cells += [f"{found.lost[at.index(choice)]:.2f}" for choice in CHOICES]
     return f"| {' | '.join(cells)} |"
-
-
-def with_error(value: float, error: float, digits: int) -> str:
-    """Return a number with its standard error, which is rounded up."""
-    step = 10.0**-digits
-    return f"{value:.{digits}f} ± {max(math.ceil(error / step), 1) * step:.{digits}f}"
 
 
 def main(folder: Path) -> None:
@@ -166,7 +157,7 @@ def main(folder: Path) -> None:
         lines += [
             table_row(name, d, light, found)
             for d in ROWS if d in drawn[name] for light, found in drawn[name][d].items()
-            if light in DRAWN or d == WIDER
+            if light in DRAWN
         ]  # fmt: skip
     (GENERATED / "which_colour_table.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     draw(drawn, folder)

@@ -1,7 +1,7 @@
 """Measure the estimators of the scattered light on the 24 links of `estimator_links`.
 
 `python docs/scripts/measure_estimators.py` measures what is missing in `estimators.json` and
-writes the tables of estimators.md; `--links` and `--estimators` take parts of names, `--again`
+writes the table of estimators.md; `--links` and `--estimators` take parts of names, `--again`
 repeats what is there, `--jobs 2` runs two links at a time. All runs are of one thread, compiled
 before; times are CPU seconds of their process.
 """
@@ -304,18 +304,6 @@ def light(entry: dict[str, Any] | None, part: str) -> str:
     return cell(bracket(*row) for row in zip(figures["mean"], errors, strict=True))
 
 
-def chi(entry: dict[str, Any] | None, part: str) -> str:
-    """Return chi-square, scaled to 64 seeds; bold outside 42..90, which fewer seeds widen."""
-    if not entry or "chi2" not in entry.get(part, {}):
-        return "–"
-    fewer = 64.0 / entry["seeds"]
-    texts = []
-    for square in (fewer * x for x in entry[part]["chi2"]):
-        text = f"{square:.0f}" if square < 1e5 else "> 1e5"
-        texts.append(text if abs(square - 66.0) <= 24.0 * math.sqrt(fewer) else f"**{text}**")
-    return cell(texts)
-
-
 def trust(entry: dict[str, Any]) -> tuple[str, str]:
     """Return chi-square of runs without a bound, and how many of those with one it holds for."""
     seeds = entry["seeds"]
@@ -385,64 +373,25 @@ def table(head: list[str], rows: list[list[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def light_table(found: dict[str, dict[str, Any]]) -> str:
-    """Return the gains by each estimator."""
-    head = ["link", "unscattered", "scattered: chains", "joined photons"]
+def link_table(found: dict[str, dict[str, Any]]) -> str:
+    """Return the light of each link, its agreement, the time of each estimator, and its errors."""
+    head = ["link", "scattered light", "z", "chains [s]", "joined [s]", "analog [s]", "taken"]
     rows = []
     for name, row in found.items():
-        direct = row.get("unscattered", {}).get("link", {"mean": [], "stderr": []})
-        texts = cell(bracket(*pair) for pair in zip(direct["mean"], direct["stderr"], strict=True))
-        scattered = [light(row.get(e), "scattered") for e in _SCATTERED]
-        rows.append([name, texts, *scattered, light(row.get("joined"), "reflected")])
-    return table([*head, "reflected first"], rows)
-
-
-def analog_table(found: dict[str, dict[str, Any]]) -> str:
-    """Return the comparison with analog photons."""
-    head = ["link", "radius [m]", "analog, reflected light followed", "z joined photons"]
-    head += ["analog, reflected light ended", "z chains", "z joined photons"]
-    rows = []
-    for name, row in found.items():
-        radius = LINKS[name].wide or LINKS[name].link.receivers[0].radius
-        once = [z_value(row, e, "scattered", "analog, killed") for e in _SCATTERED]
-        whole = light(row.get("analog"), "all"), z_value(row, "joined", "both", "analog")
-        rows.append([name, f"{radius:g}", *whole, light(row.get("analog, killed"), "all"), *once])
-    return table(head, rows)
-
-
-def cost_table(found: dict[str, dict[str, Any]]) -> str:
-    """Return the times to 1 %, and chi-square of the stated errors."""
-    head = ["link", "CPU s to 1 %: chains", "joined photons", "analog photons"]
-    head += ["chi2: chains", "joined photons", "with reflected first"]
-    rows = []
-    for name, row in found.items():
-        own = [row.get(e, {}) for e in _SCATTERED]
-        times = [cell(map(number, cost(e))) if "scattered" in e else "–" for e in own]
-        squares = [chi(e, "scattered") for e in own]
-        joint = chi(row.get("joined"), "both")
+        joined, chains = row.get("joined", {}), row.get("chains", {})
+        times = [cell(map(number, cost(e))) if "scattered" in e else "–" for e in (chains, joined)]
         product = row.get("simulate")
-        chosen = ["–"] * 4
+        own = ["–"] * 3
         if product and "all" in product:
-            spent = product["cpu"] + product["fixed"]
-            chosen = [", ".join(product["method"]), f"{spent:.2g}", *trust(product)]
-        rows.append([name, *times, analog_cost(row), *squares, joint, *chosen])
-    head += ["`simulate` chose", "CPU s of a run", "its chi2", "runs with a bound: it holds"]
-    return table(head, rows)
-
-
-_SCATTERED = ("chains", "joined")
-TABLES = {
-    "light": light_table,
-    "analog": analog_table,
-    "cost": cost_table,
-}
+            own = [", ".join(product["method"]), *trust(product)]
+        z = z_value(row, "joined", "both", "analog")
+        rows.append([name, light(joined, "scattered"), z, *times, analog_cost(row), *own])
+    return table([*head, "chi2", "bounds: hold"], rows)
 
 
 def write_tables() -> None:
-    """Write the tables of the page."""
-    measured = load()
-    for name, made in TABLES.items():
-        write_table(f"estimators_{name}", made(measured))
+    """Write the table of the page."""
+    write_table("estimators", link_table(load()))
 
 
 def load() -> dict[str, dict[str, Any]]:
@@ -476,7 +425,7 @@ def jobs_of(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
 
 
 def main() -> None:
-    """Measure, and write the tables."""
+    """Measure, and write the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--links", nargs="+", help="parts of the names of links")
     parser.add_argument("--estimators", nargs="+", choices=RUNS)

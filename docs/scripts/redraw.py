@@ -36,6 +36,7 @@ _MEASURED = ROOT / "meshtrace" / "apps" / "measured" / "data"
 FIXED = {
     "make_bands_figure": ("fading_bands",),
     "make_daylight_table": ("daylight_ranges",),
+    "make_design_figure": ("design",),
     "make_downlink_figure": ("downlink",),
     "make_explorer_pictures": (
         "explorer",
@@ -45,9 +46,14 @@ FIXED = {
         "explorer_downlink",
         "explorer_phone",
     ),
-    "make_measured_table": tuple(
-        f"measured_{name}".replace("-", "_")
-        for name in (_MEASURED / "order.txt").read_text("utf-8").split()
+    "make_measured_table": (
+        "measured_forest",
+        "measured_rows",
+        *(
+            f"measured_{name}".replace("-", "_")
+            for name in (_MEASURED / "order.txt").read_text("utf-8").split()
+            if 'abscissa = "row"' not in (_MEASURED / name / "experiment.toml").read_text("utf-8")
+        ),
     ),
     "make_interleaving_figure": ("interleaving",),
     "make_modem_figure": ("modem",),

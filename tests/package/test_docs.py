@@ -42,6 +42,7 @@ PRINTING = re.compile(
 WRITTEN = [p for p in sorted(DOCS.rglob("*.md")) if not p.stem.endswith(("_table", "_file"))]
 NUMBER = re.compile(r"(?<!\w)(?<!\d\.)[-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]\d+)?")
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+LINES_OF_KEYS = re.compile(r"^(- `.+?): (.*)$", re.MULTILINE)
 COMMANDS = get_command(cli.app).commands
 BUOY = "f,0,90,180,270\n0.1,1,2,1,0\n0.2,2,4,2,1\n0.3,1,1,1,1\n"
 
@@ -139,7 +140,7 @@ def test_guides_show_what_their_commands_print(name, tmp_path, request):
     report = report_of(shlex.split(command), tmp_path)
     shown = "".join(line for line in shown.splitlines(True) if not line.startswith("warning:"))
     if shown.endswith("...\n"):
-        shown, report = shown[:-4], report.partition("LENS, FIELD OF VIEW")[0]
+        shown, report = shown[:-4], report.partition("FIGURES")[0]
     if request.config.getoption("--update-golden"):
         page.write_text(text.replace(shown.rstrip(), report.rstrip()), encoding="utf-8")
         return
@@ -235,14 +236,15 @@ def test_link_file_page_is_that_of_the_models():
 
 
 def link_file_sections():
-    """Return the keys on the page of link files, by table, and all its rows of keys."""
+    """Return the keys on the page of link files, by table, and all its lines of keys."""
     text = (DOCS / "link_file.md").read_text("utf-8")
-    rows = [row.split(" | ") for row in re.findall(r"^\| (`.+) \|$", text, re.MULTILINE)]
     parts = re.split(r"^## \[+([\w.]+)\].*$", text, flags=re.MULTILINE)
     found = {}
     for name, part in zip(parts[1::2], parts[2::2], strict=True):
-        found.setdefault(name, set()).update(re.findall(r"^\| `([\w.]+)` \|", part, re.MULTILINE))
-    return found, [row for row in rows if len(row) > 3]
+        heads = [head for head, _ in LINES_OF_KEYS.findall(part)]
+        keys = re.findall(r"(?:^- |, )`([\w.]+)`", "\n".join(heads), re.MULTILINE)
+        found.setdefault(name, set()).update(keys)
+    return found, LINES_OF_KEYS.findall(text)
 
 
 def tables_of(annotation):
@@ -287,7 +289,7 @@ UNDER |= dict.fromkeys(("gain_spectrum", "filter_transmission", "pde"), "detecto
 def test_every_key_and_nested_table_is_on_the_page_of_link_files():
     found, rows = link_file_sections()
     assert len(rows) > 200
-    assert not [row for row in rows if not row[-1].strip() or not row[1].strip()]
+    assert not [head for head, text in rows if not (text and re.search(r"= `|\(\S", head))]
     waiting = [(name, model) for name, models in LINK_TABLES.items() for model in models]
     seen = set()
     while waiting:
@@ -320,7 +322,7 @@ def test_keys_beside_files_are_on_the_page_of_link_files():
 
 def test_each_sea_has_one_name_in_link_files():
     text = (DOCS / "link_file.md").read_text("utf-8")
-    seas = re.findall(r"^\| `([\w-]+)` \| [^|]+ \|$", text[text.index("## [sea]") :], re.MULTILINE)
+    seas = re.findall(r"^- \*\*([\w-]+)\*\*: ", text[text.index("## [sea]") :], re.MULTILINE)
     assert seas.count("jonswap") == 1
     for name in ("sinusoidal", "tilted-plane"):
         with pytest.raises(mt.Refused, match=r"sea\.spectrum"):
@@ -356,6 +358,25 @@ def test_every_group_of_the_api_is_in_the_index():
     index = (DOCS / "api" / "index.md").read_text("utf-8")
     pages = {page.stem for page in (DOCS / "api").glob("*.md")} - {"index"}
     assert set(re.findall(r"^(\w+)$", index, re.MULTILINE)) == pages
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.stem)
+def test_pictures_have_words_for_those_who_do_not_see_them(page):
+    text = page.read_text("utf-8")
+    words = re.findall(r"!\[([^\]]*)\]\(", text)
+    words += [re.sub(r".*\n:alt: |\n[^:].*", "", f, flags=re.S) for f in FIGURES.findall(text)]
+    assert all(len(alt.split()) > 1 for alt in words), words
+
+
+FIGURES = re.compile(r"^:::\{figure\} .*?^:::$", re.M | re.S)
+
+
+def test_the_side_bar_is_short_and_by_task():
+    groups = re.findall(
+        r":caption: (.*)\n\n((?:[\w/]+\n)+)", (DOCS / "index.md").read_text("utf-8")
+    )
+    assert [name for name, _ in groups] == "Start|Learn|Do|Look up|Trust|Contribute".split("|")
+    assert sum(len(pages.split()) for _, pages in groups) <= 16
 
 
 @pytest.mark.parametrize("page", WRITTEN, ids=lambda page: page.stem)

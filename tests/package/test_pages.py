@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from browser import chromium
+from browser import chromium, until
 
 HTML = Path(__file__).parents[2] / "docs" / "_build" / "html"
 WIDTHS = (390, 768, 1440)
@@ -14,6 +14,13 @@ CUT = """return [...document.querySelectorAll("article .highlight-text:not(.colu
 TALL = """return [...document.querySelectorAll(".math-block, pre")]
     .filter(e => e.scrollHeight > e.clientHeight).map(e => e.textContent.slice(0, 60))"""
 """Formulas and blocks that are cut off below, or have a scrollbar for a few pixels of height."""
+
+SILENT = """return [...document.querySelectorAll("article img:not(.sphx-glr-thumbcontainer img)")]
+    .filter(e => !e.alt.trim()).map(e => e.src)"""
+"""Pictures without words, but thumbnails, whose links have them."""
+LOWEST = """return Math.max(...[...document.querySelectorAll("h1, h1 + p, .buttons a")]
+    .map(e => e.getBoundingClientRect().bottom))"""
+"""Lower edge of headline, first sentence and buttons of the landing page."""
 
 pytestmark = [
     pytest.mark.browser,
@@ -44,7 +51,36 @@ def test_a_page_opens_without_errors_and_fits(browser, page):
         assert found <= width, f"{found} px wide at {width} px"
         assert not browser.execute_script(TALL), f"cut off below at {width} px"
     assert not browser.execute_script(CUT)
+    assert not browser.execute_script(SILENT)
+    first = browser.execute_script("return document.querySelector('body a').className")
+    assert "skip" in first or page.parent.name == "figures"
     problems = [
         entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"
     ]
     assert not problems
+
+
+def test_the_landing_page_says_what_it_is_above_the_fold(browser):
+    browser.get((HTML / "index.html").as_uri())
+    for width, height in ((1440, 900), (390, 844)):
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        assert browser.execute_script(LOWEST) < height
+    assert browser.execute_script("return document.querySelectorAll('.buttons a').length") == 3
+
+
+def test_guides_come_before_single_names(browser):
+    browser.get(f"{(HTML / 'search.html').as_uri()}?q=lidar")
+    found = (
+        "return [...document.querySelectorAll('ul.search li a')].map(e => e.getAttribute('href'))"
+    )
+    links = until(lambda: browser.execute_script(found), "no page was found")
+    assert "api/" not in links[0]
+
+
+@pytest.mark.parametrize("page", ["index.html", "examples/index.html", "guides/design.html"])
+def test_a_page_is_accessible(browser, page):
+    axe = pytest.importorskip("axe_core_python.selenium").Axe()
+    browser.get((HTML / page).as_uri())
+    found = axe.run(browser)["violations"]
+    assert not [(v["id"], v["nodes"][0]["html"]) for v in found]
