@@ -19,8 +19,7 @@ from .marks import along, axes, curves, finished, lines, note, variable
 from .style import INK, label_of, verbatim
 
 if TYPE_CHECKING:  # studies take as long to import as matplotlib
-    from meshtrace.studies.depths import DepthSweep
-    from meshtrace.studies.performance import LinkPerformance
+    from meshtrace.studies import DepthSweep, LinkPerformance
 
 _LEAST_BUBBLES = 1e-6  # lower end of the axis (tuned), relative to the densest layer
 

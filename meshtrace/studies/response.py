@@ -69,13 +69,11 @@ def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
     steps = campaign.surfaces(min(seas, MOST_SEAS))
     numbers, threads = range(len(steps.labels)), campaign.threads
     meshes = list(ordered_map(lambda i: campaign.mesh(links, *steps.surface(i)), numbers, threads))
-    tallies_of_seas = []
-    by_sea = ordered_map(_arrivals_over(campaign, meshes), meshes, threads)
+    by_sea, means = ordered_map(_arrivals_over(campaign, meshes), meshes, threads), []
     for tallies in zip(*by_sea, strict=True):
-        nonzero = [tally for tally in tallies if tally.weight.any()]
-        responses = [response_of(tally) for tally in nonzero]
-        tallies_of_seas.append(_mean(responses) if responses else None)
-    return tallies_of_seas
+        responses = [response_of(tally) for tally in tallies if tally.weight.any()]
+        means.append(_mean(responses) if responses else None)
+    return means
 
 
 def _arrivals_over(

@@ -316,13 +316,8 @@ class JoinedPhotons:
         window = _window(a, turned, turned * depth > DIFFUSE, in_water)
         # crossings are drawn somewhat wider than slopes of waves and random ones carry them
         spread = _SPREAD * math.sqrt(rough + arrays.mean_square_slope(surface))
-        changes_sides = self._same_side is None
-        if (
-            rough > 0.0
-            and not window.diffuse
-            and changes_sides
-            and self._is_aimed(sources, run.targets, spread)
-        ):
+        bends = rough > 0.0 and not window.diffuse and self._same_side is None
+        if bends and self._is_aimed(sources, run.targets, spread):
             # beams onto targets: a collision turns light out of the range that slopes can bend back
             mean_share = _remaining_importance(water, link.water.n / link.n_air, spread)
             kappa = a + b * (1.0 - mean_share)
@@ -347,13 +342,9 @@ class JoinedPhotons:
                 row["sloped"] = sloped if sloped > _LEAST_SLOPED else 0.0
         # ceiling division: evenly spaced, at most _GUIDES
         guides = records[:: -(-len(records) // _GUIDES)].copy()
-        if in_water:
-            guides = np.concatenate([guides, _images(guides, sources, window.kappa, spread)])
         # without random slopes collisions alone are joined, and no connection is left out
         still = rough == 0.0
         decay = 0.0 if still and not window.diffuse else _DECAY * (a + b)
-        if in_water:
-            decay = 0.0  # straight connections bring light from any depth
         lobe = _LOBE if still else 0.0 if window.bent > 0.0 else _ROUGH_LOBE
         cone = 0.0 if window.diffuse else _CONE
         first = min(run.first)
@@ -361,8 +352,11 @@ class JoinedPhotons:
         if len(walls):  # light that reflects may lead anywhere
             start *= _BESIDE_BODIES
         start_lobe, start_cone = start * lobe, start * cone
-        if in_water:  # close to a receiver even directions cost more copies than they save
-            cone = 0.0
+        if in_water:
+            guides = np.concatenate([guides, _images(guides, sources, window.kappa, spread)])
+            # straight connections bring light from any depth; close to a receiver even directions
+            # cost more copies than they save
+            decay = cone = 0.0
         return Joins(
             records, guides, first, self._direct, water, bubble, bins, facets, spread, decay,
             often * b, often, start_lobe, start_cone, lobe, cone, window,
