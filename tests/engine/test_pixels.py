@@ -9,7 +9,6 @@ from scipy import stats
 
 import meshtrace as mt
 from meshtrace.comms.combining import combined_ber
-from meshtrace.comms.ook import OokLink
 from meshtrace.errors import Refused
 from meshtrace.link.receivers import Camera
 from meshtrace.studies import pixel_signals
@@ -183,7 +182,7 @@ def test_rates_of_a_link_combine_its_pixels(signals):
         link.replace("receiver.pixels", 1), FlatSea(), realizations=2, **kwargs, **run
     )
     assert got.figures[0].ber.value < alone.figures[0].ber.value
-    dark = OokLink.of_link(link, bit_rate=1e6)
+    dark = mt.OokLink.of_link(link, bit_rate=1e6)
     assert float(combined_ber([dark] * 9, gain.ravel())) < 0.5
 
 
