@@ -173,7 +173,7 @@ class _Facets(NamedTuple):
         """Return the geometry of vertices (n, 3) [m] and faces (m, 3)."""
         from meshtrace.kernels.scene import facet_normals
 
-        vertices, faces = np.require(vertices, np.float64, "CW"), _corner_indices(faces)
+        vertices, faces = np.require(vertices, np.float64, ["C", "W"]), _corner_indices(faces)
         normals, double_areas = np.empty((len(faces), 3)), np.empty(len(faces))
         low, high, squared_slope = facet_normals(vertices, faces, normals, double_areas)
         return cls(normals, double_areas, np.array([low, high]), math.sqrt(squared_slope))

@@ -335,7 +335,7 @@ class Intersector(ABC):
             Rays; directions need not be unit vectors: distances are in units of their lengths.
         """
         # writable: for read-only arrays numba would compile again
-        o, d = (np.require(a, np.float64, "CW") for a in (origins, directions))
+        o, d = (np.require(a, np.float64, ["C", "W"]) for a in (origins, directions))
         for name, array in (("origins", o), ("directions", d)):
             if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
                 raise Refused(name, Described(f"shape {array.shape}"), "finite (n, 3)")

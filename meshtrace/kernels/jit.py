@@ -284,8 +284,10 @@ class _Lower(lowering.Lower):
         for name, labels in homes.items():
             home = labels[0]
             # blocks are lowered in the order of their labels
-            if len(labels) == 1 and name not in in_memory and all(
-                home < user and home in dominators[user] for user in users.get(name, ())
+            if (
+                len(labels) == 1
+                and name not in in_memory
+                and all(home < user and home in dominators[user] for user in users.get(name, ()))
             ):
                 self._singly_assigned_vars.add(name)
 
@@ -294,7 +296,7 @@ class _Lower(lowering.Lower):
 class _Lowering(typed_passes.BaseNativeLowering):
     """Lowering of kernels."""
 
-    _name = "kernel_lowering"
+    _name = "kernel_lowering"  # type: ignore[assignment]
 
     @property
     def lowering_class(self) -> type[_Lower]:
@@ -317,7 +319,8 @@ class _Compiler(compiler.Compiler):
             state.library.enable_object_caching()
         (passes,) = super().define_pipelines()
         passes.passes = [
-            (_Lowering if p is typed_passes.NativeLowering else p, name) for p, name in passes.passes
+            (_Lowering if p is typed_passes.NativeLowering else p, name)
+            for p, name in passes.passes
         ]
         return [passes]
 
@@ -625,9 +628,11 @@ def _without_collection() -> Iterator[None]:
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:
     """Return an entry point that compiles on its first call, and saves its code."""
+    # no wrapper for C: only Python calls it
+    options = {"no_cfunc_wrapper": True, **options}
     if _LINKED:
         options = {"pipeline_class": WholeCompiler, **options}
-    compiled = njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
+    compiled = njit(nogil=True, error_model="numpy", **options)(function)
     if compiled is not function:  # NUMBA_DISABLE_JIT, for debuggers, leaves plain Python
         compiled._cache = KernelCache(function)
         compiled.__class__ = _Entry

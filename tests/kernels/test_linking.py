@@ -168,7 +168,7 @@ def code_of(compiled):
 
 @pytest.mark.skipif(not jit._LINKED, reason="linking is for one release of numba")
 def test_a_tuple_that_is_handed_on_costs_no_code():
-    """numba passes its scalars one by one, and copies it at each use in another block."""
+    """Numba passes its scalars one by one, and copies it at each use in another block."""
     sizes = []
     for bundle in (Pair(X, 0.5), Many(X, 0.5, (X,) * 40)):
 
@@ -180,7 +180,7 @@ def test_a_tuple_that_is_handed_on_costs_no_code():
         def twice(values, n):
             return first(values) + first(values) if n > 0 else first(values)
 
-        assert jit.entry(lambda v, n: twice(v, n))(bundle, 1) == 9.0  # noqa: B023
+        assert jit.entry(lambda v, n: twice(v, n))(bundle, 1) == 9.0
         sizes.append(code_of(twice))
     assert sizes[0] == sizes[1]
 
