@@ -127,8 +127,12 @@ def look_part(
     surface: MeshSource | TriangleMesh,
     mesh: TriangleMesh,
     daylight: Daylight | None,
+    foam_share: float | None = None,
 ) -> dict[str, Any]:
-    """Return the illumination of the sea and the short waves that its mesh leaves out."""
+    """Return the illumination of the sea and the short waves that its mesh leaves out.
+
+    Foam covers a share of the surface, by default that of the link's whitecaps.
+    """
     wind = wind_of(surface)
     # a surface without a link is looked at by day
     day, sky_color = _sky_of(daylight or (DEFAULT_DAY if link is None else None))
@@ -141,7 +145,8 @@ def look_part(
     upwelling = math.pi * WATER_BRIGHTNESS * sea_light.upwelling
     inside = np.array(_LEAST_INSIDE) * min(1.0, _MOST_INSIDE / float(upwelling.max()))
     # streaks are Gaussian: foam is where they exceed the quantile of its share
-    foam = 1.1 * ndtri(1.0 - sea_light.foam) if sea_light.foam > 0.0 else 100.0
+    share = sea_light.foam if foam_share is None else foam_share
+    foam = 1.1 * ndtri(1.0 - share) if share > 0.0 else 100.0
     glint = 0.0 if day is _DUSK else day.direct / day.irradiance
     return {
         "waves": tile, "rest": tile["rest"], "sky": _sky_image(day), "sun": list(day.sun),
