@@ -17,7 +17,7 @@ from meshtrace.link import Link, Source, WaterSource, Whitecaps
 from meshtrace.link.sources import AirLamp
 from meshtrace.models import Floats
 from meshtrace.optics import Water
-from meshtrace.surfaces import statistics
+from meshtrace.surfaces.statistics import hs, tp
 from meshtrace.viz import Stage, parts
 from meshtrace.viz.scenes import longest_left_out, path_segments, wind_of
 from meshtrace.viz.stage import stage_of
@@ -298,8 +298,8 @@ def _peak_wave(surface: Any) -> tuple[float, str]:
     spectrum = getattr(surface, "spectrum", None)
     if spectrum is None:
         return 0.0, ""
-    period = statistics.tp(spectrum)
-    words = f"waves Hs {statistics.hs(spectrum):.2g} m, Tp {period:.2g} s, "
+    period = tp(spectrum)
+    words = f"waves Hs {hs(spectrum):.2g} m, Tp {period:.2g} s, "
     return 9.81 * period**2 / (2.0 * math.pi), words  # of deep water
 
 
