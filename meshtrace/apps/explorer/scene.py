@@ -10,7 +10,7 @@ import numpy as np
 from meshtrace import CoverageMap, MeshSource, PhotonPaths, TriangleMesh
 from meshtrace.apps.explorer.controls import State
 from meshtrace.link import Link
-from meshtrace.surfaces import statistics
+from meshtrace.surfaces.statistics import hs, tp
 from meshtrace.viz import Stage, live, parts
 from meshtrace.viz.scenes import wind_of
 from meshtrace.viz.stage import stage_of
@@ -210,8 +210,8 @@ def _peak_wave(surface: Any) -> tuple[float, str]:
     spectrum = getattr(surface, "spectrum", None)
     if spectrum is None:
         return 0.0, ""
-    period = statistics.tp(spectrum)
-    words = f"waves Hs {statistics.hs(spectrum):.2g} m, Tp {period:.2g} s, "
+    period = tp(spectrum)
+    words = f"waves Hs {hs(spectrum):.2g} m, Tp {period:.2g} s, "
     return 9.81 * period**2 / (2.0 * math.pi), words  # of deep water
 
 
