@@ -227,7 +227,10 @@ OTHER = {
     "stored.read_dataset": {"path": file("result.nc")},
     "stored.write_dataset": {"data": xr.Dataset({"x": ("t", [1.0])})},
     "optics.water_files.read_spectrum": {"path": file("water.csv")},
-    "studies.pixel_signals": {"link": mt.Link(receiver=mt.Receiver(pixels=2)), "surface": SEA, "rays": 64},
+    "studies.pixel_signals": {
+        "link": mt.Link(receiver=mt.Receiver(pixels=2)), "surface": SEA, "rays": 64,
+    },
+    "Background.of_pixel": {"i": 0, "j": 0},
     "studies.availability": {"inputs": {"water.a": {"samples": [0.1, 0.2]}}, "threshold": 1e-5,
                              "over": {}, "runs": 8, "realizations": 4, "target": 0.9},
     "studies.sweep_file": {"path": file("study.toml")},
