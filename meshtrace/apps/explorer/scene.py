@@ -57,7 +57,7 @@ class LiveScene:
         self._drawn: TriangleMesh | None = None
         self._faces: Any = None
         self._ring = np.empty(0, int)
-        self._framed, self._framing = 0.0, 0
+        self._framed, self._framing = np.zeros(2), 0
         self._changed: set[str] = set()
         self.parts: dict[str, Any] = {"rays": b"", "map": None}
         self.update(state)
@@ -88,7 +88,7 @@ class LiveScene:
 
     def frame_anew(self) -> None:
         """Reset the camera at the next link."""
-        self._framed = 0.0
+        self._framed = np.zeros(2)
 
     def changes(self) -> dict[str, Any]:
         """Return the parts that changed since the last call."""
@@ -161,8 +161,10 @@ class LiveScene:
         stage = self.link_stage._replace(half=max(half, min(wave, _WIDEST * half)))
         self.stage = self._on_square(stage)
         # a camera that jumps at every move of a slider would lose the reader
-        if not _NEW_FRAME[0] < self.stage.size / max(self._framed, 1e-9) < _NEW_FRAME[1]:
-            self._framed, self._framing = self.stage.size, self._framing + 1
+        sizes = np.array([self.stage.size, self.link_stage.size])
+        ratio = sizes / np.maximum(self._framed, 1e-9)
+        if not ((_NEW_FRAME[0] < ratio) & (ratio < _NEW_FRAME[1])).all():
+            self._framed, self._framing = sizes, self._framing + 1
 
     def _on_square(self, stage: Stage) -> Stage:
         """Return the stage over the present square of the sea if both are of similar size.
