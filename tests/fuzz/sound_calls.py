@@ -149,7 +149,7 @@ SOUND = {
     "trust": False, "changes": None, "step": 0.5, "depths": [5.0], "title": "x",
     "wind_direction_deg": 0.0, "block": None, "spreading": ITTC, "tilt": 0.1,
     "surface_wind": 5.0, "path": file("new.nc"), "options": None, "source": "x", "name": "gain",
-    "result": result, "parts": np.zeros((32, 6)), "acceptance": 0.1, "dz": 0.5, "max_depth": 5.0,
+    "result": result, "by_pixel": np.zeros((32, 1, 6)), "acceptance": 0.1, "dz": 0.5, "max_depth": 5.0,
     "crest": 0.0, "depth1": 1.0, "depth2": 2.0, "direction": "up", "transmittance": 0.25, "lag": 0.5,
     "size": 4, "up_gain": 1e-6, "down_gain": 1e-6, "wall_time": 1.0, "verbose": False, "r": 1e-4,
     "frequency": 1e6, "slope": 0.1, "base": "physical", "u": 0.5, "notes": False, "delimiter": None,

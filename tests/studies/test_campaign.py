@@ -104,8 +104,8 @@ def test_errors_are_those_of_independent_samples():
 
 # ---- options of a run ------------------------------------------------------------------------
 
-# with options of other meaning, or none
-OWN = {"sweep", "sweep_file", "light_pattern", "swings", "steer"}
+# with options of other meaning, or none, or those of `simulate`, over one surface
+OWN = {"sweep", "sweep_file", "light_pattern", "swings", "steer", "pixel_signals"}
 
 
 def functions():
