@@ -217,11 +217,11 @@ class Page:
             page.refused = {"": text}
 
     def show_text(self, kind: str) -> None:
-        """Show the link as TOML or as Python, to be copied."""
+        """Show the link at the time that is shown as TOML or as Python, to be copied."""
         make = {"TOML": readings.as_toml, "Python": readings.as_python}[kind]
-        self.server.state.update(
-            {"text_title": kind, "text": make(self.session.state.scenario), "text_shown": True}
-        )
+        state = self.session.state
+        text = make(controls.begun_at(state.scenario, state.time))
+        self.server.state.update({"text_title": kind, "text": text, "text_shown": True})
 
     def make_map(self) -> None:
         """Start the coverage map of the present state."""

@@ -554,7 +554,9 @@ def as_python(scenario: Scenario) -> str:
     Objects of classes outside of the public package are read from the text of a link file.
     """
     lines = ["import meshtrace as mt", ""]
-    run = f"photons={_PHOTONS}, seed={scenario.run.seed}"
+    run, mesh = f"photons={_PHOTONS}, seed={scenario.run.seed}", ""
+    if scenario.meshing != meshtrace.Meshing():
+        mesh = f", mesh={_expression(scenario.meshing, 0)}"
     try:
         link = f"link = {_expression(scenario.link, 0)}"
         if isinstance(scenario.surface, MeshFile):
@@ -571,7 +573,7 @@ def as_python(scenario: Scenario) -> str:
     receiver = scenario.detector or OokLink()
     # the bits of the page are behind the response of the channel, which needs the arrivals
     through = with_bits and receiver.response is None
-    run += ", record=[mt.Arrivals()]" if through else ""
+    run += mesh + (", record=[mt.Arrivals()]" if through else "")
     lines += [link, sea, f"result = mt.simulate(link, sea, {run})", "print(result.summary())"]
     if with_bits:
         detector = OokLink.model_validate(detector_config(receiver, scenario.link))
@@ -585,7 +587,7 @@ def as_python(scenario: Scenario) -> str:
             ]
         if scenario.daylight is not None:
             day = _daylight(scenario.daylight)
-            background = f"mt.background(link, sea, {day})"
+            background = f"mt.background(link, sea, {day}{mesh})"
             lines += [f"bits = mt.comms.background.with_background(bits, {background})"]
         under = "in the dark" if scenario.daylight is None else f"under {scenario.daylight.light}"
         lines += [

@@ -349,13 +349,15 @@ def test_the_program_of_a_state_makes_the_same_link_and_sea(values):
 
 def test_the_program_prints_the_gain_and_the_error_rate(capsys):
     state = controls.State(PAPER).moved({"bit_rate": 5.0, "depth": 20.0})
-    exec(compile(readings.as_python(state.scenario), "program", "exec"), {})
-    result = mt.simulate(state.scenario, photons=10_000)
+    scenario = controls.begun_at(state.scenario, 1.5)
+    exec(compile(readings.as_python(scenario), "program", "exec"), {})
+    result = mt.simulate(scenario, photons=10_000)
     printed = capsys.readouterr().out
     assert f"{result.gain:.4e}" in printed
-    seen = mt.impulse_response(mt.simulate(state.scenario, photons=10_000, record=[mt.Arrivals()]))
+    assert result.gain != mt.simulate(state.scenario, photons=10_000).gain
+    seen = mt.impulse_response(mt.simulate(scenario, photons=10_000, record=[mt.Arrivals()]))
     response = mt.comms.ChannelResponse.from_arrivals(seen.delay, seen.weight, seen.angle)
-    bits = mt.OokLink.of_link(state.scenario.link, bit_rate=5e6).replace(response=response)
+    bits = mt.OokLink.of_link(scenario.link, bit_rate=5e6).replace(response=response)
     assert f"{float(bits.ber(bits.received_power(result.gain))):.3g}" in printed
 
 
