@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from pkgutil import resolve_name
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import LogLocator
 
 from meshtrace import studies
@@ -222,7 +223,8 @@ def plot_pixels(signals: studies.PixelSignals, *, ax: Axes | None = None) -> Axe
     ----------
     signals : PixelSignals
         Result of `studies.pixel_signals`. Both pictures have one scale of colours, over four
-        decades; x of the image runs to the right, y upwards, and the best pixel has a frame.
+        decades; x of the image runs to the right, y upwards. The circle is the field of view, with
+        the angles at its rim, and the best pixel has a frame.
     ax : matplotlib Axes, optional
         Axes to draw on.
 
@@ -232,21 +234,26 @@ def plot_pixels(signals: studies.PixelSignals, *, ax: Axes | None = None) -> Axe
     """
     ax = marks.axes(ax)
     edge, rates = signals.edge, (signals.signal_rate, signals.background_rate)
-    highest, shift = max(float(rate.max()) for rate in rates), 1.15 * float(np.ptp(signals.edge))
-    scale = LogNorm(1e-4 * highest, highest)
+    highest, shift = max(float(rate.max()) for rate in rates), 1.2 * float(np.ptp(signals.edge))
+    scale, half = LogNorm(1e-4 * highest, highest), float(edge[-1])
+    rim, side = f"{math.degrees(math.atan(half)):.3g}°", float(edge[1] - edge[0])
     for k, (rate, name) in enumerate(zip(rates, ("signal", "background"), strict=True)):
-        image = ax.pcolormesh(
-            edge + k * shift, edge, np.maximum(rate.T, 1e-4 * highest), norm=scale, rasterized=True
-        )
-        ax.text(k * shift, 1.05 * edge[-1], name, ha="center", va="bottom", color=INK)
+        # pixels without light stay white
+        seen = np.ma.masked_equal(rate.T, 0.0)
+        seen = np.ma.maximum(seen, 1e-4 * highest)
+        image = ax.pcolormesh(edge + k * shift, edge, seen, norm=scale, rasterized=True)
+        ax.add_patch(Circle((k * shift, 0.0), half, fill=False, edgecolor=INK, lw=0.8))
+        ax.text(k * shift, 1.06 * half, name, ha="center", va="bottom", color=INK)
+        for sign, mark in ((-1.0, "-" + rim), (0.0, "0°"), (1.0, rim)):
+            ax.text(k * shift + sign * half, -1.06 * half, mark, ha="center", va="top", color=INK)
         i, j = signals.best_pixel
-        side = float(edge[1] - edge[0])
         corner = float(edge[i]) + k * shift, float(edge[j])
-        ax.add_patch(
-            Rectangle(corner, side, side, fill=False, edgecolor=PALETTE["vermilion"], lw=1.2)
-        )
-    ax.figure.colorbar(image, ax=ax, label="counts [s$^{-1}$]")
-    ax.set(aspect="equal", ylim=(edge[0], 1.25 * edge[-1]))
+        frame = Rectangle(corner, side, side, fill=False, edgecolor=PALETTE["vermilion"], lw=1.6)
+        ax.add_patch(frame)
+    frame.set_label("best pixel")
+    ax.legend(handles=[frame], loc="upper left", frameon=False, bbox_to_anchor=(0.0, 1.0))
+    ax.figure.colorbar(image, ax=ax, label="counts [s$^{-1}$]", shrink=0.7, aspect=16)
+    ax.set(aspect="equal", ylim=(-1.3 * half, 1.5 * half), xlim=(-1.1 * half, shift + 1.1 * half))
     ax.axis("off")
     return ax
 

@@ -57,6 +57,7 @@ FIXED = {
     ),
     "make_interleaving_figure": ("interleaving",),
     "make_modem_figure": ("modem",),
+    "make_pixels_figure": ("pixels",),
     "make_tornado_figure": ("tornado",),
     "make_water_figure": ("water_spectra",),
     "make_which_colour_figure": ("which_colour",),
