@@ -50,8 +50,8 @@ def test_the_default_link_as_picture_page_and_vtk_files(tmp_path):
         str(path)
         for path in (
             picture,
+            *(folder / f for f in ("surface.vtp", "received.vtp", "receiver_1.vtp", "map.vti")),
             page,
-            *(folder / f for f in ("surface.vtp", "received.vtp", "map.vti")),
         )
     ]
     with Image.open(picture) as image:

@@ -402,7 +402,7 @@ MADE = {
     "Design": lambda: mt.design(mt.Scenario.from_toml("wind_speed = 0.0"), realizations=8, **FEW),
     "ImpulseResponse": lambda: mt.impulse_response(result()),
     "MarkovChannel": lambda: apps.MarkovChannel.fit(GAIN, 0.5, (1.0,)),
-    "Body": lambda: mt.Body(mesh()),
+    "Body": lambda: mt.Body(mesh()), "Aperture": mt.Receiver, "Camera": mt.Receiver,
     "Curve": lambda: comms.Curve(wavelength_nm=(400.0, 500.0), value=(0.1, 0.2)),
     "WaterSpectrum": lambda: mt.Water.from_type("jerlov-II").spectrum,
     "WaterType": lambda: mt.Water.from_type("jerlov-II").spectrum,
