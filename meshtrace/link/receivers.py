@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
+from meshtrace.checks import Shape
 from meshtrace.errors import Refused
 from meshtrace.link.sources import Placed
 from meshtrace.models import Family, Finite, Floats, Model, Positive
@@ -52,7 +53,7 @@ class Aperture(
     def axis(self) -> tuple[float, float, float]:
         """Direction of light at normal incidence."""
 
-    def azimuths_of(self, directions: Floats) -> Floats:
+    def azimuths_of(self, directions: Annotated[Floats, Shape("n 3")]) -> Floats:
         """Return the azimuths of the sides that light along directions (n, 3) comes from [rad].
 
         About the line of sight, counter-clockwise seen from above from the x axis of the image: x

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, NamedTuple, Self
 
@@ -59,12 +60,18 @@ class Background(Stored, kind="background", title="meshtrace background light"):
     @classmethod
     def of_groups(
         cls, by_pixel: Annotated[Floats, Shape("n pixels parts")], acceptance: float,
-        wavelength_nm: float, side: int = 1,
+        wavelength_nm: float,
     ) -> Self:  # fmt: skip
         """Return the mean of n independent samples (n, pixels, parts), with errors by scatter.
 
-        `side` is the number of pixels along a side.
+        Raises
+        ------
+        Refused
+            If the pixels are not those of a square.
         """
+        side = math.isqrt(by_pixel.shape[1])
+        if side**2 != by_pixel.shape[1] or side == 0:
+            raise Refused("by_pixel", by_pixel.shape, "1, 4, 9, ... pixels along the second axis")
         # contiguous: sums over parts then have one order of additions, whatever the pixels
         parts = np.ascontiguousarray(by_pixel.sum(axis=1))
         total = parts.sum(axis=1)

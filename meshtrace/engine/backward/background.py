@@ -711,6 +711,6 @@ def backgrounds_over(
     acceptance = math.pi**2 * aperture.radius**2 * sin2
     radiances = zip(seen(case, mesh, links, days, photons), days, strict=True)
     return [
-        Background.of_groups(parts, acceptance, day.wavelength_nm, getattr(aperture, "pixels", 1))
+        Background.of_groups(parts, acceptance, day.wavelength_nm)
         for parts, day in radiances
     ]
