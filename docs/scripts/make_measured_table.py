@@ -163,17 +163,20 @@ def has_curve(experiment) -> bool:
 
 
 def section(experiment, rows: list[str]) -> str:
-    """Return the text of an experiment: source, measurement, inputs, rows, the main finding."""
+    """Return source, measurement, inputs that dominate a row, rows, and why one is not inside."""
     listed = "\n".join(rows)
     doi = f", [doi](https://doi.org/{quote(experiment.doi)})" if experiment.doi else ""
+    dominant = {row.rpartition("; ")[2] for row in rows}
     unknowns = "; ".join(
         f"{u.name.replace('_', ' ')} {u.nominal} ({', '.join(map(str, u.others))})"
         + f" {u.unit}" * (u.unit != "1")
         for u in experiment.unknowns
+        if u.name.replace("_", " ") in dominant
     )
     picture = f"_static/measured_{experiment.name.replace('-', '_')}.png"
     kind = "" if experiment.kind == "number" else "; in kind"
     alt = f"{experiment.title}: measured values beside computed bands"
+    found = f"\n*Found.* {opening(experiment.findings)}\n" if ", **" in listed else ""
     return f"""({experiment.name})=
 ## {experiment.title}
 
@@ -182,9 +185,7 @@ def section(experiment, rows: list[str]) -> str:
 {experiment.measured} *Open:* {unknowns}.
 
 {listed}
-
-*Found.* {opening(experiment.findings)}
-""" + (f"\n![{alt}]({picture})\n" if has_curve(experiment) else "")
+{found}""" + (f"\n![{alt}]({picture})\n" if has_curve(experiment) else "")
 
 
 def opening(text: str, words: int = 16) -> str:
