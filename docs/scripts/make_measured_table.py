@@ -37,17 +37,14 @@ def table_of(heads, rows) -> str:
 
 def write_shares() -> None:
     """Write the share of the power within cones, by phase function and reference power."""
-    heads = ["phase function", "b_b/b", "surface", "r c", *(
-        f"{angle}° of {whole}" for whole in ("58°", "all") for angle in (4, 2)
-    )]  # fmt: skip
+    heads = ["phase function", "b_b/b", "surface", "r c", "4° of 58°", "2° of 58°"]
     rows = []
     for phase in PHASES:
         for surface in ("absent", "flat")[: 1 + (phase in UNDER_SURFACE)]:
             light = beams.laser_light(phase, 0.1463, 1.0, surface, LENGTHS, CHUNKS)[:, :, 0]
             for i, length in enumerate(LENGTHS):
                 cells = [
-                    beams.share_of(light[:, i, :cone].sum(axis=1), light[:, i, :whole].sum(axis=1))
-                    for whole in (3, 4)
+                    beams.share_of(light[:, i, :cone].sum(axis=1), light[:, i, :3].sum(axis=1))
                     for cone in (2, 1)
                 ]
                 name = phase.replace("ff", "Fournier-Forand").rsplit(" 0.", 1)[0]
