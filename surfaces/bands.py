@@ -54,8 +54,8 @@ class Band(Model, frozen=True):
     d_omega : float, optional
         Width of the bins of frequency [rad s-1]; a sixteenth of an octave by default.
     drawn : bool
-        One wave at a random place of each cell of frequency and direction, the same for every
-        seed, so that a sea has no period. False: equally spaced waves, as in the paper, with
+        One wave at a random place of each cell of frequency and direction: the same for every seed,
+        so that a sea has no period. False: equally spaced waves, as in the paper, with
         which it repeats after 2 pi / d_omega.
 
     Raises

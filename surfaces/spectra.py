@@ -109,7 +109,7 @@ class Jonswap(Spectrum, frozen=True):
     Parameters
     ----------
     wind_speed : float
-        Wind speed U at 10 m [m s-1].
+        Wind speed at 10 m [m s-1].
     fetch : float
         Fetch F, the distance from the shore up-wind [m].
     gamma : float
@@ -264,7 +264,7 @@ class Elfouhaily(Spectrum, frozen=True):
     Parameters
     ----------
     wind_speed : float
-        Wind speed U at 10 m [m s-1].
+        Wind speed at 10 m [m s-1].
     fetch : float, optional
         Fetch [m]; None is the fully developed sea.
 
@@ -716,7 +716,7 @@ class TabulatedSpectrum(Spectrum, frozen=True):
     density : sequence of float, length n
         S(omega) [m2 s rad-1], >= 0, not all zero.
     wind_speed : float
-        Wind speed at 10 m [m s-1], for the slopes of shorter waves.
+        Wind speed at 10 m [m s-1], for the slopes of the short waves only.
     file : path, optional
         Text file of both columns in place of them, see `from_file`.
 

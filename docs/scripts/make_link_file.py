@@ -44,11 +44,11 @@ INTRODUCTION = """\
 
 A link file is TOML; `meshtrace new` prints one with all keys at their defaults.
 `--set table.key=value` replaces a value, in Python `Scenario.load(path, {"table.key": value})`.
-Paths are relative to the file. Several transmitters, receivers or parts of a sea are written as
+Paths are relative to the file. Several transmitters, receivers or parts of a sea are
 `[[transmitter]]`, `[[receiver]]`, `[[sea.part]]`.
 
-A key stands with its default, and with its other words; without a default its type is in
-parentheses. Keys of some kinds alone stand below the names of these.
+A key has its default and other words, or its type in parentheses. Keys of some kinds alone stand
+below their names.
 """
 
 TOP = {
@@ -277,8 +277,10 @@ def seas() -> list[str]:
     assert set(jonswap.model_fields) <= both  # the same sea by another name in Python
     del kinds["spectral"], kinds["sum"]
     lines = family({**kinds, "a spectrum": spectral, "[[sea.part]]": Surface.registered["sum"]})
+    told = set(rows(kinds["measured"]))
     for title, functions in READERS.items():
-        lines += [f"### {title[0].upper()}{title[1:]}", "", *items(rows_of(functions))]
+        found = [row for row in rows_of(functions) if row not in told]
+        lines += [f"### {title[0].upper()}{title[1:]}", "", *items(found)]
     return lines
 
 
@@ -298,7 +300,8 @@ def section(title: str, text: str, models: Part) -> list[str]:
     if not isinstance(models, list):
         found = seas() if models is Surface else family(models.registered)
         return lines + items(rows_of_unset(title, "\n".join(found))) + found
-    lines += items(rows_of_unset(title, ""))
+    own = [line for model in models for line in items(rows(model))]
+    lines += items(rows_of_unset(title, "\n".join(own)))
     for model in models:
         found = items(rows(model))
         lines += [f"`{model.__name__}`:", "", *found] if found and len(models) > 1 else found

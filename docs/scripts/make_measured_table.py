@@ -37,17 +37,14 @@ def table_of(heads, rows) -> str:
 
 def write_shares() -> None:
     """Write the share of the power within cones, by phase function and reference power."""
-    heads = ["phase function", "b_b/b", "surface", "r c", *(
-        f"{angle}° of {whole}" for whole in ("58°", "all") for angle in (4, 2)
-    )]  # fmt: skip
+    heads = ["phase function", "b_b/b", "surface", "r c", "4° of 58°", "2° of 58°"]
     rows = []
     for phase in PHASES:
         for surface in ("absent", "flat")[: 1 + (phase in UNDER_SURFACE)]:
             light = beams.laser_light(phase, 0.1463, 1.0, surface, LENGTHS, CHUNKS)[:, :, 0]
             for i, length in enumerate(LENGTHS):
                 cells = [
-                    beams.share_of(light[:, i, :cone].sum(axis=1), light[:, i, :whole].sum(axis=1))
-                    for whole in (3, 4)
+                    beams.share_of(light[:, i, :cone].sum(axis=1), light[:, i, :3].sum(axis=1))
                     for cone in (2, 1)
                 ]
                 name = phase.replace("ff", "Fournier-Forand").rsplit(" 0.", 1)[0]
@@ -163,17 +160,20 @@ def has_curve(experiment) -> bool:
 
 
 def section(experiment, rows: list[str]) -> str:
-    """Return the text of an experiment: source, measurement, inputs, rows, the main finding."""
+    """Return source, measurement, inputs that dominate a row, rows, and why one is not inside."""
     listed = "\n".join(rows)
     doi = f", [doi](https://doi.org/{quote(experiment.doi)})" if experiment.doi else ""
+    dominant = {row.rpartition("; ")[2] for row in rows}
     unknowns = "; ".join(
         f"{u.name.replace('_', ' ')} {u.nominal} ({', '.join(map(str, u.others))})"
         + f" {u.unit}" * (u.unit != "1")
         for u in experiment.unknowns
+        if u.name.replace("_", " ") in dominant
     )
     picture = f"_static/measured_{experiment.name.replace('-', '_')}.png"
     kind = "" if experiment.kind == "number" else "; in kind"
     alt = f"{experiment.title}: measured values beside computed bands"
+    found = f"\n*Found.* {opening(experiment.findings)}\n" if ", **" in listed else ""
     return f"""({experiment.name})=
 ## {experiment.title}
 
@@ -182,9 +182,7 @@ def section(experiment, rows: list[str]) -> str:
 {experiment.measured} *Open:* {unknowns}.
 
 {listed}
-
-*Found.* {opening(experiment.findings)}
-""" + (f"\n![{alt}]({picture})\n" if has_curve(experiment) else "")
+{found}""" + (f"\n![{alt}]({picture})\n" if has_curve(experiment) else "")
 
 
 def opening(text: str, words: int = 16) -> str:

@@ -407,8 +407,8 @@ class OpticalFrontEnd(Model, frozen=True):
     filter_center_nm : float, optional
         Centre of a rectangular band at normal incidence [nm]; the signal's wavelength by default.
     filter_index : float, optional
-        Effective index of an interference filter, whose transmission shifts to the blue under
-        slanted light, lambda(theta) = lambda_0 sqrt(1 - (sin(theta) / n_eff)^2); none by default.
+        Effective index of an interference filter: its transmission shifts to the blue under slanted
+        light, lambda(theta) = lambda_0 sqrt(1 - (sin(theta) / n_eff)^2); none by default.
 
     Notes
     -----

@@ -86,8 +86,8 @@ class Physics(Model, frozen=True):
     fov : {"angle", "paper_position"}
         Field of view by angle, or by the paper's test of the position (E11).
     unresolved : {"tilt", "none"}
-        Tilt the normal at every crossing by random slopes of the waves that the mesh leaves out
-        (`TriangleMesh.unresolved`), or bend light at the mesh alone, as in the paper.
+        Tilt the normal at every crossing by random slopes of the waves that the mesh leaves out, or
+        not: light is then bent at the mesh alone, as in the paper (`TriangleMesh.unresolved`).
     """
 
     snell: Literal["physical", "paper"] = "physical"

@@ -224,8 +224,8 @@ class IrradiancePlanes(Model, frozen=True):
     depths : tuple of float
         Depths [m], > 0, rising.
     n_cosines, n_azimuths : int
-        Bins of the radiance in the cosine of the zenith angle of the light's travel
-        (from +1, straight up, to -1) and in its azimuth; 0 for none.
+        Bins of the radiance in the cosine of the zenith angle of the light's travel and in its
+        azimuth: from +1, straight up, to -1; 0 for none.
     """
 
     depths: tuple[Annotated[float, Field(gt=0.0, allow_inf_nan=False)], ...]

@@ -223,9 +223,9 @@ class Led(_Lambertian, WaterSource, frozen=True):
     zenith_deg, azimuth_deg : float
         Zenith angle of the axis, 0 for straight up, and its azimuth from +x [deg].
     power_mw : float
-        Emitted optical power [mW]; the weight of the source in a list of sources.
+        Emitted optical power [mW], > 0; the weight of the source in a list of sources.
     wavelength_nm : float
-        Wavelength in vacuum [nm].
+        Wavelength in vacuum [nm], 200 ... 1200.
 
     Notes
     -----
@@ -341,9 +341,9 @@ class AirLed(_Lambertian, AirLamp, frozen=True):
         The lamp shines down; tilt leans its axis from nadir towards the azimuth (from +x
         counter-clockwise) [deg], 0 <= tilt <= 180.
     power_mw : float
-        Emitted optical power [mW]; the weight of the source in a list of sources.
+        Emitted optical power [mW], > 0; the weight of the source in a list of sources.
     wavelength_nm : float
-        Wavelength in vacuum [nm].
+        Wavelength in vacuum [nm], 200 ... 1200.
 
     Examples
     --------
@@ -432,7 +432,7 @@ class Sun(AirSource, frozen=True):
     azimuth_deg : float
         Direction that the light travels to, from +x counter-clockwise [deg].
     half_width : float
-        Half-width of the lit square at still water [m]; every photon starts on it.
+        Half-width of the lit square at still water [m], > 0; every photon starts on it.
     position : tuple of float
         Centre of the square [m].
 

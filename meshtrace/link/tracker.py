@@ -35,11 +35,11 @@ class Tracker(Model, frozen=True):
     rate_deg_s : float, optional
         Largest speed of the axis [deg s-1], > 0; by default any.
     predictor : {"hold", "linear"}
-        Last slope (a_0 = 1), or the best linear prediction by the samples of the last 0.8 s, at
+        Last slope (a_0 = 1), or the best linear prediction: by the samples of the last 0.8 s, at
         most 400, for waves, footprint and noise (`fading.pointing_residual`).
     sees : {"spot", "slope"}
-        The place of the spot in the plane of the receiver, which tells the slope where the beam
-        crossed unless the sea reflects it, or the slopes of the surface wherever it will cross.
+        The place of the spot in the plane of the receiver, or the slopes of the surface wherever
+        the beam will cross: the spot tells the slope where it crossed unless the sea reflects it.
 
     Examples
     --------

@@ -192,7 +192,7 @@ class HallNovarini(BubblePopulation, frozen=True):
     n_water : float
         Refractive index of the water; that of the air in the bubbles is 1.
     psi : {"exact", "paper"}
-        Integrals over size in closed form, or the published approximations
+        Integrals over size in closed form, or the published approximations:
         N_b = 1.6e10 r_ref^4/(3 r_min^3) (U/13)^3 exp(-z/L) and Psi = 3 pi r_min^2.
     q : "mie" or float
         Mean scattering efficiency: the Mie mean weighted by cross-section (2.0254 by default),

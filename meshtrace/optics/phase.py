@@ -348,8 +348,9 @@ class Petzold(BuiltInPhase, frozen=True):
     Parameters
     ----------
     water : {"average", "clear", "coastal", "harbour"}
-        Average particle (three harbour stations less pure sea water), or the total phase function
-        of clear (Tongue of the Ocean), coastal (San Pedro Channel) or harbour (San Diego) water.
+        Average particle, or the total phase function of a water: the average is over three harbour
+        stations less pure sea water; clear is Tongue of the Ocean, coastal San Pedro Channel,
+        harbour San Diego.
 
     Notes
     -----
