@@ -710,7 +710,4 @@ def backgrounds_over(
     # etendue A pi sin^2(psi) [m2 sr], which turns mean radiance into power
     acceptance = math.pi**2 * aperture.radius**2 * sin2
     radiances = zip(seen(case, mesh, links, days, photons), days, strict=True)
-    return [
-        Background.of_groups(parts, acceptance, day.wavelength_nm)
-        for parts, day in radiances
-    ]
+    return [Background.of_groups(parts, acceptance, day.wavelength_nm) for parts, day in radiances]
