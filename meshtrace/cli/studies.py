@@ -137,10 +137,11 @@ def converge(
     """Study the convergence of the gain with a mesh, the time step or the band of waves.
 
     All meshes share the same chains. The table shows gains, their differences, the fitted order,
-    the limit at vanishing spacing beside the gain over the exact sum of waves, and the spacing
-    recommended for a tolerance. Time steps, band limits or meshes of a body take the place of
-    spacings. With --what fading the table shows the scintillation index in closed form, and over
-    --realizations seas (by default none).
+    the limit at vanishing spacing (Richardson) beside the gain over the exact sum of waves, and the
+    spacing recommended for a tolerance; scatter is the deviation of the gain as a mesh is shifted,
+    BVH s the time to sort its facets for the rays. Time steps, band limits or meshes of a body take
+    the place of spacings. With --what fading the table shows the scintillation index in closed
+    form, and over --realizations seas (by default none).
     """
     require_word(what, ("gain", "fading"), "--what")
     # only what is set: each of the five studies has defaults of its own
@@ -393,7 +394,11 @@ def ber(
     combining: opt.Combining = "maximal",
     json_: opt.Json = False,
 ) -> None:  # fmt: skip
-    """Print bit error rate, outage, margin, capacity and range of a link."""
+    """Print bit error rate, outage, margin, capacity and range of a link.
+
+    P_rx is the mean power on the detector: the light in the aperture, less what the etendue of the
+    lens and the filter withhold. Outage is the share of fades that miss --limit.
+    """
     from meshtrace.mesh import SeededSurface
 
     settings = _daylight(daylight, sun_zenith, sun_elevation) | {
