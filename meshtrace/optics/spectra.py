@@ -280,8 +280,8 @@ def coefficients(type: str, wavelength_nm: RangedArray) -> tuple[Floats, Floats]
     if family == "petzold":
         a, b = PETZOLD[water]
         allowed = (
-            f"476.5 to 551.5 nm for {name}, measured at {PETZOLD_NM:g} nm; for these values at "
-            f"another wavelength give a = {a:g} and b = {b:g}; jerlov-* have 300 to 700 nm"
+            f"476.5 to 551.5 nm for {name}, measured at {PETZOLD_NM:g} nm; to keep these values at "
+            f"another wavelength set a = {a:g} and b = {b:g}; jerlov-* have 300 to 700 nm"
         )
         limits = WaterType(type=name).limits_nm
         wavelength = require_range(wavelength_nm, *limits, "wavelength_nm", allowed=allowed)

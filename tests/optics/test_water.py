@@ -168,7 +168,7 @@ def test_petzold_waters_are_refused_far_from_their_wavelength(wavelength):
         Water.from_type("coastal", wavelength)
     assert str(refused.value) == (
         f"wavelength_nm: {wavelength}, allowed: 476.5 to 551.5 nm for petzold-coastal, measured at "
-        "514 nm; for these values at another wavelength give a = 0.179 and b = 0.219; jerlov-* "
+        "514 nm; to keep these values at another wavelength set a = 0.179 and b = 0.219; jerlov-* "
         "have 300 to 700 nm"
     )
     with pytest.raises(Refused):
