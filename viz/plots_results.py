@@ -71,9 +71,9 @@ def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
 
 
 def _gain_in_words(result: GainResult) -> str:
-    """Return the gains of a result with two standard errors as text."""
+    """Return the gains of a result with their standard errors as text."""
     pairs = zip(np.ravel(result.gain), np.ravel(result.gain_stderr), strict=True)
-    words = [f"{gain:.3e} ± {2.0 * error:.1e}" for gain, error in pairs]
+    words = [f"{gain:.3e} ± {error:.1e}" for gain, error in pairs]
     return "gain " + ", ".join(words[:3]) + (", ..." if len(words) > 3 else "")
 
 

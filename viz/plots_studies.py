@@ -44,7 +44,7 @@ def plot_comparison(result: studies.Comparison, *, ax: Axes | None = None) -> Ax
         ax.figure.set(figheight=1.2 + 0.45 * len(result.names))
     marks.bars(ax, data, "gain_ratio_db", across=True)
     ratios, errors = (data[f"gain_ratio_db{end}"].to_numpy() for end in ("", "_stderr"))
-    words = [f"{r:+.3g} ± {2.0 * e:.1g} dB" for r, e in zip(ratios, errors, strict=True)]
+    words = [f"{r:+.3g} ± {e:.1g} dB" for r, e in zip(ratios, errors, strict=True)]
     # the first link is what the others are compared with
     words[0] = f"gain {np.ravel(result.gain)[0]:.3g}"
     for row, (ratio, text) in enumerate(zip(ratios, words, strict=True)):
