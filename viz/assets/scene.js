@@ -398,7 +398,10 @@
         const [rx, ry] = eyeOf(this.view).right, corners = [[-h, -h], [-h, h], [h, -h], [h, h]];
         const aside = Math.min(...corners.map(([i, j]) => (x + i - pole[0]) * rx + (y + j - pole[1]) * ry));
         const edge = [pole[0] + aside * rx, pole[1] + aside * ry];
-        const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000].find((v) => -bottom / v <= 4.5) ?? 2000, marks = [];
+        const steps = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000], marks = [];
+        // a label is 16 px high, and perspective shortens the lower steps; two marks at least
+        const most = Math.min(4.5, Math.abs(this.onScreen([...edge, bottom])[1] - this.onScreen([...edge, 0])[1]) / 20);
+        const step = Math.min(steps.find((v) => -bottom / v <= most) ?? 2000, steps.findLast((v) => v <= -bottom) ?? 0.1);
         for (let z = 0; z >= bottom - 1e-9; z -= step) marks.push({ z: Number(z.toFixed(2)), at: this.onScreen([...edge, z]) });
         const side = marks.some((m) => m.at[0] < left + 40) ? 1 : -1; // within the block where there is no room beside it
         return marks.map((m) => ({ ...m, side })).filter(({ at: [u, v] }) => u > left && u < this.w && v > 60 && v < this.h - 30);

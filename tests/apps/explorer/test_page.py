@@ -831,6 +831,20 @@ def test_the_ruler_reads_the_depth_of_the_lamp(browser):
     assert all(mark["at"][0] <= at[0] for mark in marks)
 
 
+def test_labels_of_the_ruler_do_not_overlap_on_a_phone(page):
+    sized(page, 390, 844, True)
+    for name, value in (("depth", 4.0), ("height", 7.0)):
+        enter(page, name, value)
+    until(lambda: gain_is(page, {"depth": 4.0, "height": 7.0}), "another gain")
+    page.find_element("id", "home").click()
+    top = "return [...document.querySelectorAll('#pole ~ g > text')]"
+    top += ".filter((t) => /^(0|−)/.test(t.textContent))"
+    top += ".map((t) => t.getBoundingClientRect()).map((box) => [box.top, box.bottom])"
+    boxes = np.array(page.execute_script(top))
+    assert len(boxes) >= 2
+    assert (boxes[1:, 0] - boxes[:-1, 1]).min() > -1.0  # of lines of text, with their room
+
+
 @pytest.mark.parametrize("place", [{"height": 40.0}, {"height": 2.0, "depth": 1.0}])
 @pytest.mark.slow_but("place0")
 def test_the_lamp_is_seen_at_any_place(page, place):
