@@ -69,7 +69,7 @@ def _unraisable(unraisable: Any) -> None:
 
 
 def _interrupt_later() -> None:
-    """Send the signal again, to the main thread, so that it wakes from a system call."""
+    """Send the signal again to the main thread to interrupt a system call."""
     to_main: Any = getattr(signal, "pthread_kill", lambda *_: _thread.interrupt_main())
     signal_of = (threading.main_thread().ident, signal.SIGINT)
     timer = threading.Timer(_LATER, to_main, signal_of)

@@ -86,7 +86,7 @@ class Cells:
         return float(number)
 
     def finite(self, index: int, text: str = "") -> Floats:
-        """Return a column as numbers; refuse the first that is missing or not finite."""
+        """Return a column as numbers; refuse missing and non-finite values."""
         values = self.numbers(index, text)
         if wrong := np.flatnonzero(~np.isfinite(values)).tolist():
             problem = "missing" if np.isnan(values[wrong[0]]) else str(values[wrong[0]])

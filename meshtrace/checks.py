@@ -276,7 +276,7 @@ def _resolved(hint: Any, function: Callable[..., Any]) -> Any:
 
 
 class _Names(dict[str, Any]):
-    """Names of a module, with a `_Later` for each that it imports for type checkers alone."""
+    """Names of a module, with a `_Later` for each import under TYPE_CHECKING."""
 
     def __missing__(self, name: str) -> Any:
         if hasattr(builtins, name):

@@ -1,4 +1,4 @@
-"""The one error for input that is not accepted: field, value, allowed values.
+"""The error for invalid input: field, value, allowed values.
 
 `Refused` is raised alike by functions, models, link files and the command line. The `require_`
 functions are checks without pydantic; the others write paths and values for error texts.
@@ -161,7 +161,7 @@ def refusing(field: str, allowed: str) -> Iterator[None]:
 
 
 def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") -> None:
-    """Refuse a value that is not a table, and keys other than `keys`."""
+    """Require a table with no keys other than `keys`."""
     if not isinstance(table, Mapping):
         raise Refused(path, Described(type(table).__name__), "a table")
     for key, value in table.items():
@@ -171,7 +171,7 @@ def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") 
 
 
 def require_word(value: Any, words: Iterable[str], path: str) -> None:
-    """Refuse a value that is none of `words`."""
+    """Require one of `words`."""
     if not isinstance(value, str) or value not in words:
         raise Refused(path, value, ", ".join(words), did_you_mean(value, words))
 

@@ -84,7 +84,7 @@ class SeededSurface(SurfaceModel, Protocol):
 
 @runtime_checkable
 class WaveSum(SurfaceModel, Protocol):
-    """A sea that is a sum of plane waves."""
+    """A sea composed of plane waves."""
 
     @property
     def components(self) -> Any:

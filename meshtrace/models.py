@@ -457,7 +457,7 @@ _TRUSTED: ContextVar[bool] = ContextVar("trusted", default=False)  # inside `tru
 
 
 class Family(Model, frozen=True):
-    """Base of the families: models of which each class has a `kind`, by which data name it.
+    """Base of model families; data select a class by its `kind`.
 
     A direct subclass is the base of a family. It may set the class keywords `default`, the kind of
     a table that names none, and `closed`, the reason why users cannot add classes. A user's class

@@ -46,7 +46,7 @@ _PLACEHOLDER = "This is a netCDF dimension but not a netCDF variable"
 
 
 def require_size(stated: int, stored: int, name: str, most: int | None = MOST_BYTES) -> None:
-    """Refuse arrays that are too large for memory, or for the stored bytes to contain.
+    """Refuse arrays larger than memory or than the stored bytes can hold.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def _bytes(n: int) -> str:
 
 @contextmanager
 def reading(path: str | PathLike[str], allowed: str = ALLOWED) -> Iterator[None]:
-    """Refuse a path that is not a file, and turn errors of a block into refusals of the file."""
+    """Require a file, and turn errors of a block into refusals of the file."""
     name = str(path) if isinstance(path, str | PathLike) else show(path)
     is_file = is_folder = False
     with suppress(TypeError, ValueError, OSError):
@@ -291,7 +291,7 @@ def _stated_by_chunk(path: Path, codec: str, most: int) -> int:
 
 
 def valid_values(variable: xr.DataArray) -> NDArray[np.float64]:
-    """Return the values of a variable, nan outside the valid range that its attributes state."""
+    """Return the values of a variable, nan outside its `valid_range`."""
     values = np.asarray(variable.values, np.float64)
     low, high = variable.attrs.get("valid_min"), variable.attrs.get("valid_max")
     low, high = variable.attrs.get("valid_range", (low, high))

@@ -259,7 +259,7 @@ class LongWork(UserWarning):
 
 
 def announce(seconds: float, work: str, least: float = LONG) -> None:
-    """Warn of a computation that is expected to take more than `least` seconds."""
+    """Warn of a computation expected to take more than `least` seconds."""
     if seconds > least:
         warnings.warn(f"{work}: about {duration(seconds)}", LongWork, stacklevel=2)
 
@@ -319,7 +319,7 @@ def paced(
 
 
 def duration(seconds: float) -> str:
-    """Return a time as text, in the largest unit that it reaches.
+    """Format a time in its largest fitting unit.
 
     Examples
     --------

@@ -83,7 +83,7 @@ Without attributes, those of the name in `fields.toml` apply.
 
 
 class Elsewhere:
-    """Field that is not stored, or is written and read by its class."""
+    """Field not stored, or stored by its class."""
 
     def write(self, value: Any) -> Variables:
         """Return no variables."""
@@ -148,7 +148,7 @@ class Columns:
         self.kind, self.prefix, self.dims = kind, prefix, dims
 
     def write(self, value: Any) -> Variables:
-        """Return the variables of items that are ordered with the last dimension fastest."""
+        """Return the variables of items in row-major order."""
         items = value if self.dims else [value]
         columns = {
             variable.name: (variable, [reduce(getattr, path, row) for row in items])
@@ -351,7 +351,7 @@ class Stored(ABC):
     def _restored(
         cls, data: xr.Dataset, provenance: Any, derived: dict[str, Any] | None = None
     ) -> Self:
-        """Return the result of a dataset of this kind; attributes that it lacks have defaults.
+        """Return the result of a dataset of this kind; missing attributes take their defaults.
 
         `derived` are fields that are neither in its variables nor in its attributes.
         """

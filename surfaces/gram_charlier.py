@@ -286,6 +286,6 @@ def series_of(cumulants: Cumulants, slope_variance: Variances) -> Series:
 
 
 def _scales(slope_variance: Variances) -> tuple[float, ...]:
-    """Return the products of standard deviations that are the units of the cumulants."""
+    """Return the products of standard deviations that normalise the cumulants."""
     a, c = map(math.sqrt, slope_variance)
     return a**3, a * c * c, a**4, a * a * c * c, c**4

@@ -298,7 +298,7 @@ def _columns_of_gauges(name: str, headings: Sequence[Heading], width: int) -> tu
 
 
 def _without_missing_ends(cells: Cells, columns: dict[int, str]) -> Cells:
-    """Return the cells of the rows from the first to the last that are complete."""
+    """Return the cells from the first to the last complete row."""
     values = {index: cells.numbers(index, text) for index, text in columns.items()}
     complete = np.flatnonzero(~np.any([np.isnan(column) for column in values.values()], axis=0))
     if len(complete) in (0, len(cells.places)):
@@ -314,7 +314,7 @@ def _without_missing_ends(cells: Cells, columns: dict[int, str]) -> Cells:
 
 
 def _unit(name: str, headings: Sequence[Heading], unit: str | None) -> str:
-    """Return the unit of the elevations, which is that of all gauges."""
+    """Return the common unit of the elevations of all gauges."""
     units = {str(heading.unit) for heading in headings if heading.unit is not None}
     wrong = sorted(unit for unit in units if not is_convertible(unit, "m"))
     units |= set() if unit is None else {unit}

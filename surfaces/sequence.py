@@ -196,7 +196,7 @@ def _xdmf(path: Path) -> Frames:
 
 
 def _spatial(points: Any) -> Floats:
-    """Return points in three dimensions, with 0 for those that are missing."""
+    """Pad points to three dimensions with zeros."""
     points = np.array(points, np.float64)
     return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
 

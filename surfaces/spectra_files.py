@@ -136,7 +136,7 @@ def _raw(source: Any, files: ExitStack) -> xarray.Dataset:
 
 
 def _package(reader: str) -> Any:
-    """Import wavespectra; refuse a reader that it does not have."""
+    """Import wavespectra; refuse an unknown reader."""
     with extra("measured", "reader", reader, "formats of wavespectra: {}"):
         import wavespectra
     names = sorted(n.removeprefix("read_") for n in dir(wavespectra) if n.startswith("read_"))

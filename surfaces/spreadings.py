@@ -110,7 +110,7 @@ class Cos2sSpreading(Spreading, frozen=True):
 
 
 class MitsuyasuSpreading(Spreading, frozen=True):
-    """Cosine-2s spreading that is narrowest at the peak, with the exponent of Mitsuyasu et al.
+    """Cosine-2s spreading with the exponent of Mitsuyasu et al., narrowest at the peak.
 
     s = s_p (omega / omega_p)^5 below the peak, s_p (omega / omega_p)^-2.5 above,
     s_p = 11.5 (omega_p U / g)^-2.5

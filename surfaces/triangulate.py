@@ -125,7 +125,7 @@ def _graded(fine_extent: float, extent: float, spacing: float, coarse_spacing: f
 
 
 def _step_count(length: float, spacing: float, enough: float = math.inf) -> int:
-    """Return the number of steps over a length [m], or `enough` (rounded up) if that is fewer."""
+    """Return the number of steps over a length [m], at most `enough` (rounded up)."""
     # The tolerance keeps 2 * 20 / 0.1 at 400 steps whatever the last bit of the quotient.
     steps = min(length / spacing * (1.0 - 1e-12), enough)
     if not steps < MAX_LINES - 1:
@@ -445,7 +445,7 @@ def _refuse_count(what: str, wrong: NDArray[np.bool_], total: int) -> None:
 
 
 def _refuse_many_pieces(n: int, edges: NDArray[np.int64], outline: NDArray[np.int64]) -> None:
-    """Refuse a surface that is not one piece without holes."""
+    """Require a surface of one piece without holes."""
     pieces = _component_count(n, edges)
     if pieces > 1:
         raise unfit(f"{pieces} separate pieces or sheets", "one")

@@ -560,7 +560,7 @@ class _Lines(NamedTuple):
 
     @classmethod
     def between(cls, axis: Floats, k: float, width: int) -> _Lines:
-        """Return lines that are dense enough for waves up to a wavenumber [rad m-1]."""
+        """Return grid lines dense enough for waves up to a wavenumber [rad m-1]."""
         middle = 0.5 * float(axis[0] + axis[-1])
         span = float(axis[-1] - axis[0]) or 1.0
         # pi / k is half the shortest wavelength

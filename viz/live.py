@@ -84,7 +84,7 @@ def light_shade(source: Source, white: float = _CORE) -> str:
 
 
 def stage_part(stage: Stage, link: Link | None, framing: int = 1) -> dict[str, Any]:
-    """Return the box that is shown; another `framing` than before moves the camera home."""
+    """Return the displayed box; a changed `framing` moves the camera home."""
     ends = (*link.transmitters, *link.receivers) if link is not None else ()
     # depths are read at the distance of the first end that is in the water
     low = (*stage.center, stage.bottom)
@@ -129,7 +129,7 @@ def look_part(
     daylight: Daylight | None,
     foam_share: float | None = None,
 ) -> dict[str, Any]:
-    """Return the illumination of the sea and the short waves that its mesh leaves out.
+    """Return the illumination of the sea, and its waves shorter than the mesh resolves.
 
     Foam covers a share of the surface, by default that of the link's whitecaps.
     """

@@ -81,9 +81,7 @@ def save_html(
     )  # fmt: skip
     drawn, notes = _thinned(mesh), _left_out(link, style)
     if drawn is not mesh:
-        notes.append(
-            f"the surface is thinned from {len(mesh.faces):,} to {len(drawn.faces):,} facets"
-        )
+        notes.append(f"surface thinned from {len(mesh.faces):,} to {len(drawn.faces):,} facets")
     sea = live.sea_part(drawn, parts.outline(drawn)[:-1])
     if drawn.overhangs:
         # corners (x, y, z, 0): without the bright line that is drawn where the last is near 1
@@ -103,7 +101,7 @@ def save_html(
         "link": live.link_part(link, stage),
         "bodies": [] if link is None else live.bodies_part(link, stage),
         "rays": np.concatenate(rays).tobytes() if rays else b"",
-        "map": None,
+        "map": None if coverage is None else live.map_part(coverage),
         "time": time,
     }
     key = _key(link, rays)
@@ -112,14 +110,22 @@ def save_html(
         data["dots"] = points.astype(np.float32).tobytes()
         key[parts.bubble_words(link.bubbles)] = parts.BUBBLE_COLOR
     if coverage is not None:
-        data["map"] = live.map_part(coverage)
         bars.append(_bar("channel gain", "viridis", (0.0, float(coverage.gain.max()))))
+    words = {"title": title, "caption": caption(link, surface, time, gain), "hint": _HINT,
+             "notes": "; ".join(notes)}  # fmt: skip
+    page = _filled(words, key, bars, _packed(data))
+    with atomic(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return path
+
+
+def _filled(words: dict[str, str], key: dict[str, str], bars: list[str], data: str) -> str:
+    """Return the page with its words, its key (colours by label), colour bars and packed data."""
     template = Template((live.ASSETS / "page.html").read_text(encoding="utf-8"))
     scripts = [_VUE, *(live.ASSETS / name for name in ("shaders.js", "scene.js", "page.js"))]
-    words = html.escape(caption(link, surface, time, gain))
-    page = template.substitute(
-        title=html.escape(title), caption=words, hint=_HINT, bars="".join(bars),
-        notes=html.escape("; ".join(notes)), data=_packed(data),
+    escaped = {name: html.escape(text) for name, text in words.items()}
+    return template.substitute(
+        escaped, bars="".join(bars), data=data,
         style="".join(_text(live.ASSETS / f"{name}.css") for name in ("scene", "page")),
         scripts="".join(f"<script>{_text(script)}</script>\n" for script in scripts),
         key="".join(
@@ -127,9 +133,6 @@ def save_html(
             for label, color in key.items()
         ),
     )  # fmt: skip
-    with atomic(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return path
 
 
 def _text(path: Path) -> str:
@@ -189,7 +192,7 @@ def _tints(mesh: TriangleMesh, style: SceneStyle) -> tuple[Any, list[str]]:
 
 
 def _key(link: Link | None, rays: Sequence[Any]) -> dict[str, str]:
-    """Return the colours of the parts and of those kinds of rays that are there."""
+    """Return the colours of the parts and of the kinds of rays in the scene."""
     if link is None:
         return {}
     source = link.transmitters[0]

@@ -187,7 +187,7 @@ def plot_spectrum(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
 
 
 def plot_spreading(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot `spreading`, the density over direction `theta` [rad] from that of the wind."""
+    """Plot `spreading`, the density over direction `theta` [rad] relative to the wind."""
     ax = plot_curves(data, "spreading", ax=ax)
     label = r"directional spreading $D(\theta)$ [rad$^{-1}$]"
     xlabel = r"direction off the wind $\theta$ [°]"

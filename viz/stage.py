@@ -1,4 +1,4 @@
-"""Stage of a scene: the box of sea and air that is shown, its scale, camera and lights.
+"""Stage of a scene: the displayed box of sea and air, its scale, camera and lights.
 
 Places are (x, y, z) [m], z up from still water. The numbers of the layout are tuned by eye.
 """
@@ -259,7 +259,7 @@ class ScenePlotter(pv.Plotter):
 def look(
     scene: ScenePlotter, azimuth_deg: float = -68.0, elevation_deg: float | None = None
 ) -> ScenePlotter:
-    """Point the camera at the stage from an azimuth and elevation, so that it fills its `ROOM`.
+    """Point the camera at the stage from an azimuth and elevation, so that it fills `ROOM`.
 
     The azimuth is that of the camera seen from the stage, from x towards y. The default elevation
     is 15 degrees, low enough to show the surface from above and the water below its near edge, or
@@ -358,7 +358,7 @@ def add_compass(
 
 
 def add_caption(scene: ScenePlotter, text: str) -> ScenePlotter:
-    """Write a caption along the lower edge of the window, above the key that is there."""
+    """Write a caption along the lower edge of the window, above the key."""
     scene.caption = text
     row = max((row for _, _, row in _key_places(scene)), default=0) + 1
     # breaks between clauses, whose own spaces are of another kind
@@ -393,12 +393,12 @@ def _key_places(scene: ScenePlotter) -> list[tuple[str, float, int]]:
 
 
 def _letter(scene: ScenePlotter) -> float:
-    """Return the mean width of a letter over that of the window."""
+    """Return the mean width of a letter relative to the window."""
     return 0.53 * scene.font_size / scene.window_size[0]
 
 
 def _row(scene: ScenePlotter) -> float:
-    """Return the height of a text over that of the window."""
+    """Return the height of a text relative to the window."""
     return scene.font_size / scene.window_size[1]
 
 
@@ -426,7 +426,7 @@ def add_labels(
 
 
 def round_length(length: float) -> float:
-    """Return the largest number up to a length that is 1, 2 or 5 times a power of ten.
+    """Round a length down to 1, 2 or 5 times a power of ten.
 
     Examples
     --------
@@ -438,7 +438,7 @@ def round_length(length: float) -> float:
 
 
 def round_range(low: float, high: float) -> tuple[float, float]:
-    """Return the closest limits around two values that are two round steps of one digit apart.
+    """Return the closest limits around two values, two round one-digit steps apart.
 
     Examples
     --------

@@ -324,7 +324,7 @@ def sky_colors(day: Daylight, directions: Floats) -> Floats:
 
 
 def is_day(day: Daylight | None) -> bool:
-    """Return whether a light is that of a day, rather than of the moon or night."""
+    """Return whether a light is daylight rather than moonlight or night."""
     return day is not None and day.irradiance >= _LEAST_IRRADIANCE
 
 
@@ -349,7 +349,7 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def screen_colors(radiances: Floats, foam: Floats | None = None) -> NDArray[np.uint8]:
-    """Return the colours (n, 3), 0 to 255, of radiances over that of white, below any foam."""
+    """Return the colours (n, 3), 0 to 255, of radiances relative to white, below any foam."""
     if foam is not None:
         radiances = radiances + foam[:, None] * (FOAM_REFLECTANCE - radiances)
     exposed = EXPOSURE * np.maximum(radiances, 0.0)
@@ -358,7 +358,7 @@ def screen_colors(radiances: Floats, foam: Floats | None = None) -> NDArray[np.u
 
 
 class ShadedSea:
-    """Colours of a sea for any viewer, in points finer than its mesh if that is a grid.
+    """Colours of a sea for any viewer; points are finer than a mesh on a grid.
 
     Parameters
     ----------

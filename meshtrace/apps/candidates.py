@@ -121,7 +121,7 @@ class Goal:
         return -cost if self.objective == "range" else self._rates.value(-cost)
 
     def error(self, cost: float, stderr: float) -> float:
-        """Return the standard error of the quantity from that of the cost; nan for an outage."""
+        """Propagate the standard error of the cost to the quantity; nan for an outage."""
         if self.objective == "outage":
             return math.nan
         if callable(self.objective) or self.objective == "range":

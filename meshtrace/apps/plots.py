@@ -35,7 +35,7 @@ _MERITS: dict[str, tuple[Callable[[Floats], Floats], str]] = {
 
 @check_call
 def plot_channel(model: ChannelModel, *, ax: Axes | None = None) -> Axes:
-    """Plot the autocorrelation of a channel model and of the series that it was fitted to.
+    """Plot the autocorrelation of a channel model and of its fitted series.
 
     Parameters
     ----------

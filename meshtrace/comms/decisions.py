@@ -221,7 +221,7 @@ def _distance(n0: float, n1: float, branching: float) -> float:
 
 
 def _decision_laws(n0: float, n1: float, branching: float) -> tuple[Floats, Floats, Floats]:
-    """Return the counts of non-negligible probability, and ln of it for a zero and a one."""
+    """Return the counts of non-negligible probability, and its logarithm for zero and one bits."""
     unbranched = 1.0 - branching
     # Normal tails hold less than 1e-32 beyond 12 deviations; 40
     # more counts cover the skewed tail of laws of few counts.
@@ -267,7 +267,7 @@ def generalized_poisson_decision(n0: ArrayLike, n1: ArrayLike, branching: float)
 
 
 def _count_decision(n0: float, n1: float, branching: float) -> tuple[float, float]:
-    """Return the bit error rate and the lowest count that is read as a one."""
+    """Return the bit error rate and the decision threshold [counts]."""
     # means 100 deviations apart: the error rate underflows, and no sum over huge counts is needed
     if (n1 - n0) ** 2 * (1.0 - branching) > 1e4 * n1:
         return 0.0, 0.5 * (n0 + n1) / (1.0 - branching)

@@ -73,7 +73,7 @@ def mean_below(
 def interleaved_outage(
     link: OokLink, gain: ArrayLike, rate: Probability, fades: int = 1, h_alpha: ArrayLike = 1.0
 ) -> float:
-    r"""Return the outage of an ideal code that is interleaved over several fades.
+    r"""Return the outage of an ideal code interleaved over several fades.
 
     .. math:: P_\mathrm{out} = P\left(\frac{1}{m} \sum_{i=1}^{m} C(h_i) < R\right), \quad
         C = 1 - H_2(\mathrm{BER}(P h))

@@ -228,7 +228,7 @@ class CellChains:
 
     @property
     def n(self) -> int:
-        """Number of tiles along each side of the map; with a stride, of those that are taken."""
+        """Number of tiles along each side of the map; with a stride, the number of tiles used."""
         return math.isqrt(len(self.tiles))
 
     def omits(self, gain: Floats) -> bool:
@@ -274,7 +274,7 @@ class CellChains:
         return len(self._aimed) * self._number * each
 
     def lack(self, by_tile: Sequence[TileSums], direct: Floats, rtol: float) -> Floats:
-        """Return the number of chains that each tile needs, over the number that it has.
+        """Return the required over the present number of chains of each tile.
 
         For a relative error of all of its cells, and scattered light worth `_FEWEST` equal chains
         where it matters; `direct` is the unscattered gain of the cells (n, n).

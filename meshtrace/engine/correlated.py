@@ -192,7 +192,7 @@ def analog_sums(
 
 
 class FrozenForced:
-    """Chains of a base link that are reused for its neighbours.
+    """Chains of a base link, reused for its neighbours.
 
     Parameters
     ----------

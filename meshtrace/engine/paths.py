@@ -1,4 +1,4 @@
-"""Photon paths for visualisation: analog photons, and chains of light that is received."""
+"""Photon paths for visualisation: analog photons, and chains of received light."""
 
 from __future__ import annotations
 

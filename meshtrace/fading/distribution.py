@@ -54,7 +54,7 @@ def checked(gain: ArrayLike, gain_stderr: ArrayLike | None) -> tuple[Floats, Flo
 
 
 def _check_values(name: str, values: Floats) -> None:
-    """Refuse values that are negative or not finite."""
+    """Require finite values >= 0."""
     bad = np.flatnonzero(~(np.isfinite(values) & (values >= 0.0)))
     if bad.size:
         raise Refused(f"{name}[{bad[0]}]", float(values[bad[0]]), "finite values >= 0")
@@ -88,7 +88,7 @@ def check_effective(n_effective: float | None, n: int) -> float:
 
 
 def level_of(gain: Floats, threshold: float, relative_to: Reference) -> float:
-    """Return a threshold that is relative to the gains (n,) as a gain itself."""
+    """Convert a relative threshold to a gain."""
     if relative_to == "absolute":
         return threshold
     return threshold * float(gain.mean() if relative_to == "mean" else np.median(gain))

@@ -227,7 +227,7 @@ def pointing_outage(
 
 
 def sample_lags(sample: float) -> Floats:
-    """Return the ages (m,) [s] of the samples of a linear predictor, less that of the newest."""
+    """Return the ages (m,) [s] of the samples of a linear predictor relative to the newest."""
     return sample * np.arange(float(min(max(round(_MEMORY / sample), 1), _SAMPLES)))
 
 

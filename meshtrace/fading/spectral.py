@@ -292,7 +292,7 @@ def _covariance(
 def excess_density(
     lever: Lever, place: Floats, near: Sequence[Any], far: Floats, elevation: Floats | None = None
 ) -> Floats:
-    """Return the density of pairs of crossings at a place less that of independent ones.
+    """Return the excess density of pairs of crossings over independent crossings.
 
     Parameters
     ----------
@@ -506,7 +506,7 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
 def resolve_band(
     link: Any, surface: Any, waves: str | float | Model | None = None, fading: bool = True
 ) -> Any:
-    """Return a sea with the waves that its mesh has to resolve for a link.
+    """Return a sea with the waves to resolve for a link.
 
     Parameters
     ----------

@@ -576,7 +576,7 @@ class Link(Model, frozen=True):
 
 
 def _mirror_crossing(t: Source, r: Aperture) -> Crossing:
-    """Return where a level surface reflects light of a source to an aperture on the same side.
+    """Return the reflection point on a level surface between a source and an aperture.
 
     Of a beam in the air that does not light this place, return the middle of its spot.
     """

@@ -245,7 +245,7 @@ def _mirrored(azimuth: Floats, planes: Floats, side: float) -> tuple[Floats, Flo
 
 
 def _turned(azimuth: Floats, planes: Floats) -> tuple[Floats, Floats]:
-    """Return planes over any whole turn, the last that of the first, from 0 to 360 degrees."""
+    """Return planes over a full turn as planes from 0 to 360 degrees, both ends included."""
     order = np.argsort(azimuth[:-1] % 360.0)
     azimuth, planes = (azimuth[:-1] % 360.0)[order], planes[:-1][order]
     if azimuth[0] != 0.0:

@@ -380,7 +380,7 @@ class Petzold(BuiltInPhase, frozen=True):
 
 
 class HistogramPhase(BuiltInPhase, frozen=True, populate_by_name=True):
-    """Phase function that is constant per solid angle inside each bin of a histogram.
+    """Phase function with a constant value in each bin of the scattering angle.
 
     Parameters
     ----------

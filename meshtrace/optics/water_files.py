@@ -123,7 +123,7 @@ def _read_seabass(file: Path, text: str) -> SpectralTable:
 
 
 def _fields_of_seabass(file: Path, text: str) -> tuple[Cells, dict[str, Floats]]:
-    """Return the cells of a SeaBASS file and the values of the fields that are read."""
+    """Return the cells of a SeaBASS file and the values of the required fields."""
     head, end, body = text.partition("/end_header")
     lines = [line.strip()[1:].partition("=") for line in head.splitlines() if "/" in line[:1]]
     header = {key.strip().lower(): value.strip() for key, _, value in lines}
@@ -185,7 +185,7 @@ def _in_wanted_units(
 
 
 def _unit_of(field: str) -> str:
-    """Return the wanted unit of a field of SeaBASS, "" for fields that are not read."""
+    """Return the required unit of a SeaBASS field, "" for other fields."""
     if field in _DEPTHS:
         return "m"
     if field == "wavelength":

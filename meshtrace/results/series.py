@@ -404,7 +404,7 @@ Options = ParamSpec("Options")
 class ByWavelength(
     Stacked, Generic[Result], kind="wavelengths", title="meshtrace results by wavelength"
 ):
-    """Results of one link at several wavelengths, from common paths where that is possible.
+    """Results of one link at several wavelengths, from common paths where possible.
 
     The noise of wavelengths with common paths is correlated: it largely cancels in ratios.
 

@@ -131,7 +131,7 @@ def unset_keys() -> dict[str, list[str]]:
 
 
 def with_unset_keys(text: str, more: str) -> str:
-    """Return the text of a link file with keys and tables that it lacks added as comments.
+    """Add missing keys and tables to the text of a link file as comments.
 
     Parameters
     ----------
@@ -243,5 +243,5 @@ def plain(part: Any) -> Any:
 
 
 def unshared(table: Table, shared: Table) -> Table:
-    """Drop the entries of a table that equal those of `shared`."""
+    """Drop the entries of a table that `shared` contains."""
     return {k: v for k, v in table.items() if k not in shared or v != shared[k]}

@@ -213,7 +213,7 @@ def read_detector(table: Table | None) -> OokLink | None:
 
 
 def valid_detector(value: Any) -> OokLink | None:
-    """Return a detector, or that which plain data describe."""
+    """Return a detector from a detector or plain data."""
     if value is None:
         return None
     from meshtrace.comms.ook import OokLink

@@ -71,7 +71,7 @@ class MeshFile(Model, frozen=True):
 
 
 def sampling_keys(sea: Table) -> list[str]:
-    """Return the keys of [sea] that are fields of `Meshing`."""
+    """Return the keys of [sea] for the fields of `Meshing`."""
     keys, waves = ["extent", "spacing"], sea.get("waves")
     # `time` is a number of seconds for any sea that moves; a text is the date of a spectrum in a
     # record, an option of its reader

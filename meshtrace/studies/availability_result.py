@@ -190,7 +190,7 @@ class Availability(Stored, kind="availability", title="meshtrace availability"):
         return [f"{self.parameter} at {100.0 * self.target:g} % of the year: {text}", ""]
 
     def _notes(self) -> list[str]:
-        """Warn of surfaces that are too coarse for the shares."""
+        """Warn of response surfaces too coarse for the shares."""
         worst = max(self.periods, key=lambda p: p.share_stderr)
         if worst.share_stderr <= _DOUBTFUL:
             return []

@@ -74,7 +74,7 @@ class StateRuns(NamedTuple):
         return range_of(reserve, link)[0]
 
     def check(self, axes: list[Axis], values: list[float]) -> None:
-        """Refuse ends of an axis that are not allowed, before the work."""
+        """Check the ends of an axis before the work."""
         for k, axis in enumerate(axes):
             for end in (axis.low, axis.high):
                 self.scenario([*values[:k], end, *values[k + 1 :]])
@@ -139,7 +139,7 @@ class StateRuns(NamedTuple):
         return need
 
     def _variance(self, campaign: Campaign) -> float:
-        """Return the variance of ln gain over seas, without that of the chains of each sea."""
+        """Return the variance of ln gain over seas, less the sampling variance of chains."""
         series = over_realizations(campaign, self.realizations)
         logs = np.log(np.maximum(series.gain, 1e-300))
         total, n = float(logs.var(ddof=1)), len(logs)

@@ -202,7 +202,7 @@ class ShareSurfaces:
         )
 
     def _curves(self) -> dict[str, Any]:
-        """Return the shares over the key of the range, and where they are the target."""
+        """Return the shares over the key of the range, and the place of the target share."""
         names = ("curve_value", "curve_share", "curve_share_stderr", "curve_steady_share")
         if len(self.axes) == len(self.inputs):
             nothing = {"parameter": "", "range": math.nan, "range_stderr": math.nan}
@@ -260,7 +260,7 @@ class _Law(NamedTuple):
 
 
 def _crossing(nodes: Floats, values: Floats) -> float:
-    """Return where a monotone interpolant of values over nodes is 0 first; nan if nowhere."""
+    """Return the first root of a monotone interpolant; nan without a root."""
     changes = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0)
     if not len(changes):
         return math.nan

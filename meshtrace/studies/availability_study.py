@@ -1,4 +1,4 @@
-"""Availability of a link over uncertain inputs: share of the time that it works, and its range."""
+"""Availability of a link over uncertain inputs: share of working time, and range."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class Row:
 
     @property
     def log(self) -> float:
-        """Logarithmic derivative: the elasticity, or `relative` where that is nan."""
+        """Logarithmic derivative: the elasticity, or `relative` if the elasticity is nan."""
         return self.relative if math.isnan(self.elasticity) else self.elasticity
 
 

@@ -27,7 +27,7 @@ _ALLOWED = "a law of scipy.stats, samples, or a table with distribution, samples
 
 
 class Input(NamedTuple):
-    """An input and its values, each of which holds for the same share of the time.
+    """An input and its values, of equal shares of the time.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Input(NamedTuple):
     record: str
 
     def of_month(self, month: int) -> Floats:
-        """Return the values of a month, or those of the year if there are none by month."""
+        """Return the values of a month, or of the year for inputs without months."""
         return self.values[month % len(self.values)]
 
     def quantile(self, shares: Any) -> Any:

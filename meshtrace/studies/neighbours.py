@@ -402,7 +402,7 @@ class Quantity:
         self, gains: Floats, ook: OokLink | None, tilt: TiltFactors | None = None,
         weights: Floats | None = None,
     ) -> Floats:  # fmt: skip
-        """Return the logarithm of all gains, then of those without each group (jackknife)."""
+        """Return ln of the gain of all groups, then with each group left out (jackknife)."""
         return np.array([self.log(group, ook, tilt, weights) for group in without_each(gains)])
 
     def value(self, log: float) -> float:

@@ -325,7 +325,7 @@ _FLOOR = 1e-15  # bit error rate below which texts say no more than that
 
 
 def _index(name: str, values: tuple[float, ...], wanted: float | None) -> int:
-    """Return the place of a value, by default the first; refuse one that is not there."""
+    """Return the index of a value, by default 0; refuse a missing value."""
     if wanted is None:
         return 0
     if wanted not in values:

@@ -275,7 +275,7 @@ def _slope_variance(intersector: EmbreeIntersector, kind: Normals, reach: float)
 def _total_reflection(
     link: Link, intersector: EmbreeIntersector, kind: Normals, photons: int, seed: int
 ) -> float:
-    """Return the share of the photons coming from below that are totally reflected."""
+    """Return the share of totally reflected photons among those from below."""
     if photons == 0:
         return math.nan
     # photons meet the surface once and keep their weight, so that they can be counted

@@ -271,7 +271,7 @@ class _Beam:
         return a
 
     def _noise(self) -> float:
-        """Return the standard deviation of the noise of a slope component that is seen."""
+        """Return the standard deviation of the noise of a measured slope component."""
         t = self.tracker
         assert t is not None
         noise = math.tan(math.radians(t.noise_deg))
@@ -352,7 +352,7 @@ class _Beam:
 
 
 def _newton(miss: Callable[[Floats], Floats], u: Floats, tolerance: float) -> tuple[Floats, float]:
-    """Return where a function of u (2,) is least, and its norm there, from a first u."""
+    """Minimise the norm of a function of u (2,) from a first guess; return u and the norm."""
     y = miss(u)
     distance = float(np.linalg.norm(y))
     for _ in range(_NEWTON):

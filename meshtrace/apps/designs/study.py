@@ -189,7 +189,7 @@ class _Study(LinkModel):
     """Reserves over the values of each key, the best of them, reach and budget."""
 
     def bounds(self, ranges: Bounds | None) -> dict[str, tuple[float, float]]:
-        """Return the bounds of each key that is scanned, in the unit of the key.
+        """Return the bounds of each scanned key, in the unit of the key.
 
         The default ones are factors about the values of the link, tuned.
         """
@@ -502,7 +502,7 @@ class _Study(LinkModel):
 
 
 def _nodes(key: str) -> NDArray[np.intp]:
-    """Return the indices of the values of a scan that are simulated, both ends included."""
+    """Select the values of a scan to simulate, both ends included."""
     count = _VIEWS if key == VIEW else _NODES
     return np.linspace(0, _POINTS - 1, count).round().astype(np.intp)
 

@@ -217,7 +217,7 @@ class Page:
             page.refused = {"": text}
 
     def show_text(self, kind: str) -> None:
-        """Show the link at the time that is shown as TOML or as Python, to be copied."""
+        """Show the link at the displayed time as TOML or Python text for copying."""
         make = {"TOML": readings.as_toml, "Python": readings.as_python}[kind]
         state = self.session.state
         text = make(controls.begun_at(state.scenario, state.time))
@@ -368,7 +368,7 @@ class Page:
         return refused
 
     def _tell(self, refused: dict[str, Refused]) -> None:
-        """Show refusals below their fields, those of no field over the scene."""
+        """Show each refusal below its field, or over the scene if it has no field."""
         texts = {name: readings.refusal(name, error) for name, error in refused.items()}
         told = {name: text for name, text in texts.items() if name in BY_NAME}
         rest = "; ".join(text for name, text in texts.items() if name not in told)
@@ -415,7 +415,7 @@ class Page:
             self.session.answer_now()
 
     def _show_light(self) -> None:
-        """Show those rays and maps that are complete, and refresh the views."""
+        """Show the complete rays and maps, and refresh the views."""
         self.scene.show_rays(self._shown("rays"))
         self.scene.show_map(self._shown("map"))
         self._push_scene()
@@ -580,7 +580,7 @@ def policy(request: web.Request, page: str) -> str:
 
 
 def _is_of(request: web.Request, host: str) -> bool:
-    """Return whether a request names the address that it has reached."""
+    """Return whether a request names the address of this server."""
     if request.transport is None:
         return False
     address, port, *_ = request.transport.get_extra_info("sockname")

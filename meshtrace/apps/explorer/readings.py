@@ -303,7 +303,7 @@ _PLAIN = {"an integer": "a whole number", "finite numbers": "a number"}
 
 
 def gain_difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> str:
-    """Return the gain of reading B over that of A in decibels, with its standard error.
+    """Return the gain ratio B / A in decibels, with its standard error.
 
     The errors of both runs are taken for independent.
 

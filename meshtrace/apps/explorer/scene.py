@@ -1,4 +1,4 @@
-"""The explorer's 3D scene of a link over its sea, of which only changed parts are sent."""
+"""The explorer's 3D scene of a link over its sea; only changed parts are sent."""
 
 from __future__ import annotations
 
@@ -200,7 +200,7 @@ class LiveScene:
 
 
 def _foam_words(link: Link, wind: tuple[float | None, float]) -> str:
-    """Return the share of foam that is drawn, and that which the gain has where they differ."""
+    """Describe the drawn foam cover, and the cover in the gain if they differ."""
     share = SeaLight.from_link(link, None, wind).foam
     in_gain = 0.0 if link.whitecaps is None else 1.0 - link.whitecaps.transmittance
     other = f" ({100.0 * in_gain:.2g} % in the gain)" if abs(in_gain - share) > 0.1 * share else ""

@@ -57,7 +57,7 @@ class Explorer:
 
     @property
     def url(self) -> str:
-        """Address that opens a session, with the token that it needs."""
+        """Address of a session, with its access token."""
         address = URL.build(scheme="http", host=self._host, port=self.port, path="/")
         return str(address.with_query(token=self._token))
 

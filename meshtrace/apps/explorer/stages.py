@@ -212,7 +212,7 @@ def _tilt_notes(state: State) -> tuple[str, ...]:
 
 
 def unless_refused(work: Callable[[], Result]) -> Result | None:
-    """Call a function and return its result, or None if it raises `Refused`."""
+    """Call a function; return None if it raises `Refused`."""
     try:
         return work()
     except Refused:
@@ -364,7 +364,7 @@ class Superseded(Exception):
 
 
 class Ticket(threading.Event):
-    """Event that is set when a newer job waits; its job then stops at the next check."""
+    """Event set when a newer job waits; the running job stops at its next check."""
 
     def check(self, *_: Any) -> None:
         """Check that the job may continue; ignore the arguments of progress callbacks.
@@ -445,7 +445,7 @@ _REST = 0.15  # pause after the first gain, in which the page draws gain and sce
 
 
 class Answer(NamedTuple):
-    """Latest answer of a stage: value, key of the state that it belongs to, completeness."""
+    """Latest answer of a stage: value, key of its state, completeness."""
 
     value: Any
     key: Any
@@ -547,7 +547,7 @@ class Session(Worker):
         return answer is not None and answer.key == _key(name, self._state)
 
     def _work(self, ticket: Ticket, state: State, with_map: bool) -> None:
-        """Answer a state, stage by stage, in the thread; skip stages that are complete for it."""
+        """Answer a state stage by stage in the thread; skip complete stages."""
         for name, answers in STAGES.items():
             latest, key = self._answers.get(name), _key(name, state)
             if (name == "map" and not with_map) or (

@@ -93,7 +93,7 @@ class ForcedLink(NamedTuple):
         return emitter if self.down else target
 
     def lamp(self, emitter: int, target: int) -> int:
-        """Return which of the two indices of a pair is that of the source."""
+        """Return the position of the source in a pair of indices."""
         return target if self.down else emitter
 
     @property

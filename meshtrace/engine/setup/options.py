@@ -193,7 +193,7 @@ class IrradianceMap(Record, frozen=True):
 
 # `Inside`: `simulate` passes the value on unchecked, and the model with the field checks it
 class Shortcuts(TypedDict, total=False):
-    """Keywords of `simulate` that are fields of `Meshing` or of an estimator, which check them."""
+    """Keywords of `simulate` for the fields of `Meshing` and estimators, which check them."""
 
     time: Annotated[float, Inside()]
     extent: Annotated[float | None, Inside()]

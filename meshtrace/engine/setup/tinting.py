@@ -111,7 +111,7 @@ UNTINTED = Tinting(NO_TINTS, np.zeros((1, 0)))
 
 
 class CommonPaths(NamedTuple):
-    """Links at several wavelengths that are evaluated on the paths of a base link.
+    """Links at several wavelengths, evaluated on the paths of a base link.
 
     Parameters
     ----------
