@@ -89,12 +89,6 @@ _SAID_OF_CLASS = {
 _WITH_SHORT_TEXT = (str, bool, int, float, complex, NoneType, list, tuple, dict)
 
 
-class Allowed(NamedTuple):
-    """Marker of a parameter: its allowed values in words, for errors, instead of its range."""
-
-    words: str
-
-
 class Infinite(NamedTuple):
     """Marker of numbers that may be infinite and, with `missing`, also nan (no value there)."""
 
@@ -344,13 +338,13 @@ class _Limits(NamedTuple):
 
     name: str  # of the parameter
     bounds: Mapping[str, Any] = MappingProxyType({})  # by the names of pydantic's constraints
-    words: str = ""  # of `Allowed`
     infinite: Infinite | None = None
     shape: Shape | None = None
     unit: bool = False
+    words: str = ""  # in place of the range
 
     def allowed(self, words: str) -> str:
-        """Return what is allowed: the words of `Allowed`, the range, or else `words`."""
+        """Return what is allowed: the words of the limits, the range, or else `words`."""
         return self.words or range_text(self.bounds, self.name) or words
 
     def refused(self, value: Any, words: str) -> Refused:
@@ -391,7 +385,6 @@ def _typed(hint: Any, limits: _Limits) -> Any:
         markers = [m for part in parts[1:] for m in getattr(part, "metadata", None) or [part]]
         bounds = {key: getattr(part, key) for part in markers for key in _SIGNS
                   if getattr(part, key, None) is not None}  # fmt: skip
-        words = "".join(part.words for part in markers if isinstance(part, Allowed))
         if any(isinstance(part, Inside) for part in markers):
             return Any
         if validators := [part for part in parts[1:] if isinstance(part, AfterValidator)]:
@@ -401,7 +394,7 @@ def _typed(hint: Any, limits: _Limits) -> Any:
         infinite = next((part for part in markers if isinstance(part, Infinite)), None)
         shape = next((part for part in markers if isinstance(part, Shape)), None)
         unit = any(isinstance(part, Unit) for part in markers)
-        return _typed(parts[0], _Limits(limits.name, bounds, words, infinite, shape, unit))
+        return _typed(parts[0], _Limits(limits.name, bounds, infinite, shape, unit))
     if kind in (Union, UnionType):
         return _union(parts, limits)
     if kind is Literal:
@@ -471,7 +464,7 @@ def _float(value: Any, limits: _Limits) -> float:
 
 
 def _int(value: Any, limits: _Limits) -> int:
-    allowed = limits.words or f"an integer {range_text(limits.bounds, limits.name)}".rstrip()
+    allowed = f"an integer {range_text(limits.bounds, limits.name)}".rstrip()
     try:
         number = None if isinstance(value, bool) else operator.index(value)
     except TypeError:

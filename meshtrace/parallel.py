@@ -15,7 +15,7 @@ from math import ceil
 from pathlib import Path
 from threading import Lock
 from time import monotonic, thread_time
-from typing import Any, NamedTuple, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from meshtrace.errors import require_whole
 
@@ -48,18 +48,13 @@ def default_threads(threads: int | None = None) -> int:
     return threads
 
 
-class Start(NamedTuple):
-    """Command line and environment of a process."""
-
-    args: list[str]
-    env: dict[str, str]
-
-
 _SAFE = {"PYTHONSAFEPATH": "1"}
 """Environment in which Python imports nothing from its working directory or a script's folder."""
 
 
-def python_start(*arguments: str, env: Mapping[str, str] | None = None) -> Start:
+def python_start(
+    *arguments: str, env: Mapping[str, str] | None = None
+) -> tuple[list[str], dict[str, str]]:
     """Return command line and environment to start another Python process.
 
     Every Python process is started with these, or within `safe_processes`, so that modules in the
@@ -74,7 +69,7 @@ def python_start(*arguments: str, env: Mapping[str, str] | None = None) -> Start
         Environment, by default that of this process.
     """
     # -P as well: it holds where environment variables are ignored
-    return Start([sys.executable, "-P", *arguments], dict(env or os.environ) | _SAFE)
+    return [sys.executable, "-P", *arguments], dict(env or os.environ) | _SAFE
 
 
 def import_path() -> str:

@@ -170,14 +170,14 @@ def _tile(variances: tuple[float, float], least: float, wind_deg: float) -> dict
     """
     # two of the longest waves left out, so that the repetition is not seen
     size = 4.0 * math.pi / least
-    drawn = short_waves(size, _TEXELS, variances, least, wind_deg)
-    scale = 4.0 * max(float(drawn.slopes.std()), 1e-4)
-    slopes = np.clip(drawn.slopes / scale, -1.0, 1.0).transpose(1, 0, 2)
+    slopes, rest = short_waves(size, _TEXELS, variances, least, wind_deg)
+    scale = 4.0 * max(float(slopes.std()), 1e-4)
+    slopes = np.clip(slopes / scale, -1.0, 1.0).transpose(1, 0, 2)
     streaks = foam_streaks(4.0 * size, _TEXELS, wind_deg).T
     tile = np.dstack([0.502 + 0.498 * slopes, (slopes**2).sum(axis=2), (streaks + 4) / 8])
     pixels = np.rint(255.0 * np.clip(tile, 0.0, 1.0)).astype(np.uint8)
     return {"bytes": pixels.tobytes(), "n": _TEXELS, "size": size, "scale": scale,
-            "rest": list(drawn.rest)}  # fmt: skip
+            "rest": list(rest)}  # fmt: skip
 
 
 def _sky_of(day: Daylight | None) -> tuple[Daylight, tuple[float, float, float]]:

@@ -220,7 +220,7 @@ def plot_route(series: GainSeries, *, ax: Axes | None = None) -> Axes:
 
     ax, route = marks.axes(ax), Route.model_validate(origin["route"])
     # the height, here 1 m, does not matter from above
-    x, y = route.at(series.time, 1.0).position.T
+    x, y, _ = route.at(series.time, 1.0).T
     ax.plot(*np.transpose(route.positions), zorder=1, color=INK, lw=0.8)
     points = ax.scatter(x, y, c=series.gains[:, 0], s=24, zorder=2)
     # the colour bar along the longer side

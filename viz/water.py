@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_hex
@@ -134,13 +134,6 @@ class SeaLight:
         return float(np.clip(self.wavelength_nm, 400.0, 700.0))
 
 
-class Roughened(NamedTuple):
-    """Slopes of short waves on a periodic square lattice, and the slope variances it leaves out."""
-
-    slopes: NDArray[np.float32]  # (n, n, 2)
-    rest: tuple[float, float]  # along and across the wind
-
-
 def short_waves(
     size: float,
     n: int,
@@ -149,8 +142,8 @@ def short_waves(
     direction_deg: float = 0.0,
     time: float = 0.0,
     seed: int = 1,
-) -> Roughened:
-    """Return the slopes of waves that a mesh leaves out, on an n by n lattice.
+) -> tuple[NDArray[np.float32], tuple[float, float]]:
+    """Return the slopes of waves that a mesh leaves out, on a periodic n by n lattice.
 
     Parameters
     ----------
@@ -168,6 +161,13 @@ def short_waves(
         Time [s], by which the waves move downwind.
     seed : int
         Seed of their phases.
+
+    Returns
+    -------
+    slopes : ndarray, shape (n, n, 2)
+        Slopes along x and y.
+    rest : tuple of float
+        Slope variances along and across the wind that the lattice leaves out.
 
     Notes
     -----
@@ -190,7 +190,7 @@ def short_waves(
     lean = np.clip(2.0 * (variances[0] - variances[1]) / max(total, 1e-12), -1.0, 1.0)
     downwind = band & (np.cos(angle) > 0.0)
     if not downwind.any() or total <= 0.0:
-        return Roughened(np.zeros((n, n, 2), np.float32), variances)
+        return np.zeros((n, n, 2), np.float32), variances
     k = np.maximum(k, 1e-6)
     # k^-4 over the area of wavenumbers: k^2 k^-4 k dk is equal for every octave
     power = np.where(downwind, (1.0 + lean * np.cos(2.0 * angle)) / k**4, 0.0)
@@ -204,7 +204,7 @@ def short_waves(
     # the spectrum of slopes is i k times that of the elevation; ifft2 divides by n^2
     spectrum = (1j * n * n * spectrum).astype(np.complex64)
     slopes = [fft.ifft2(k_axis * spectrum).real for k_axis in (k_x, k_y)]
-    return Roughened(np.stack(slopes, axis=-1).astype(np.float32), rest)
+    return np.stack(slopes, axis=-1).astype(np.float32), rest
 
 
 @lru_cache(maxsize=2)
@@ -397,11 +397,10 @@ class ShadedSea:
         size = float((high - low).max())
         variances, least = left_out(mesh, longest)
         wind = sea_light.wind_direction_deg
-        waves = short_waves(size, texels, variances, least, wind, time)
-        self._rest = waves.rest
+        slopes, self._rest = short_waves(size, texels, variances, least, wind, time)
         # steep normals count as of a z component of 0.2 at least (tuned): no slope is infinite
         self._slopes = -normals[:, :2] / np.maximum(normals[:, 2:], 0.2)
-        self._slopes += self._on_lattice(waves.slopes, low, size)
+        self._slopes += self._on_lattice(slopes, low, size)
         self._foam = None
         if sea_light.foam > 0.0:
             # foam drifts downwind with the surface, at 3 % of the wind speed

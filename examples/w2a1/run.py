@@ -8,14 +8,19 @@ from pathlib import Path
 from meshtrace.apps import w2a1
 
 
+def numbers(result):
+    """Return the numbers of a row: unscattered and total gain, and the error of the total."""
+    return float(result.gain_ballistic), float(result.gain), float(result.gain_stderr)
+
+
 def rows():
     """Yield the rows of the results."""
     case = w2a1.reference()
     for name in case["cases"]:
-        yield (name, "", *w2a1.gain(name))
+        yield (name, "", *numbers(w2a1.gain(name)))
     for name, table in case["series_frozen_phases"].items():
         for i, gain in enumerate(w2a1.series(name.split("/")[0])):
-            yield (name, table["t0"] + i * table["dt"], *gain)
+            yield (name, table["t0"] + i * table["dt"], *numbers(gain))
 
 
 def main():

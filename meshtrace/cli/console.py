@@ -121,9 +121,9 @@ def compiling_ahead(scenario: Scenario) -> Iterator[None]:
         silent = subprocess.DEVNULL
         with suppress(OSError):
             text = scenario.to_toml()
-            start = python_start("-c", _AHEAD, text, *modules_of(text))
+            command, env = python_start("-c", _AHEAD, text, *modules_of(text))
             # a session of its own: Ctrl-C is for the first process, which ends this one
-            process = subprocess.Popen(start.args, env=start.env, stdin=silent, stdout=silent,
+            process = subprocess.Popen(command, env=env, stdin=silent, stdout=silent,
                                        stderr=silent, start_new_session=True)  # fmt: skip
     try:
         yield

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from meshtrace.checks import Allowed, Infinite, Positive, RangedArray, check_call
+from meshtrace.checks import Positive, Ranged, RangedArray, check_call
 from meshtrace.errors import Refused, is_number, require_between, require_range
 from meshtrace.models import Family, Floats
 from meshtrace.optics.mie import MieTable, cached_table, population_table
@@ -25,9 +25,6 @@ LAYER = 12.0
 _MOST_NODES = 10**7  # of a profile, and most radii: tuned to bound the memory, 80 MB an array
 # Highest crest [m] to which a population is continued upwards with depth="mean_level".
 HIGHEST = 20.0
-
-
-Depth = Annotated[float, Field(gt=0.0), Infinite(), Allowed("max_depth > 0 m")]
 
 
 class BubblePopulation(Family, frozen=True, default="hall-novarini"):
@@ -85,7 +82,7 @@ class BubblePopulation(Family, frozen=True, default="hall-novarini"):
         return integrate(self.b, upper, np.minimum(lower, upper + 40.0 * self.e_folding), 128)
 
     def profile(
-        self, dz: Positive, max_depth: Depth = math.inf, crest: float = 0.0
+        self, dz: Positive, max_depth: Ranged = math.inf, crest: float = 0.0
     ) -> tuple[Floats, Floats, Floats]:
         """Return b and its integral on a uniform grid of depths.
 
@@ -130,6 +127,7 @@ class BubblePopulation(Family, frozen=True, default="hall-novarini"):
         """
         highest = HIGHEST if self.depth == "mean_level" else 0.0
         require_between(crest, 0.0, highest, "crest", "[]", f"0 <= crest <= {highest:g} m")
+        require_between(max_depth, 0.0, math.inf, "max_depth", "(]", "max_depth > 0 m")
         most = min(max_depth, LAYER * self.e_folding) + crest
         if most / dz > _MOST_NODES:
             raise Refused("dz", dz, f"at most {_MOST_NODES} nodes over {most:g} m")

@@ -64,7 +64,7 @@ class StateRuns(NamedTuple):
     def closing_depth(self, link: Link, inputs: list[Input]) -> float:
         """Return the depth [m] at which median inputs close the link."""
         at_depth = self._replace(names=(*self.names, depth_key(link)))
-        medians = [float(item.quantile(0.5)) for item in inputs]
+        medians = [float(item.ppf(0.5)) for item in inputs]
 
         def reserve(depth: float) -> float:
             scenario = at_depth.scenario([*medians, depth])

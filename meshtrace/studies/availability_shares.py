@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cache, cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy import interpolate, optimize, special, stats
@@ -190,7 +190,7 @@ class ShareSurfaces:
             return np.array([gain, logs, margin])
 
         indices = stats.sobol_indices(
-            func=quantities, n=_INDICES, dists=[_Law(item) for item in self.inputs],
+            func=quantities, n=_INDICES, dists=self.inputs,
             rng=np.random.default_rng(self.study.seed),
         )  # fmt: skip
         # of a constant there is no share: 0 / 0
@@ -247,16 +247,6 @@ class ShareSurfaces:
             run_need=need,
             provenance=provenance,
         )
-
-
-class _Law(NamedTuple):
-    """Law of an input over the year, as `scipy.stats.sobol_indices` takes it."""
-
-    item: Input
-
-    def ppf(self, shares: Any) -> Any:
-        """Return quantiles."""
-        return self.item.quantile(shares)
 
 
 def _crossing(nodes: Floats, values: Floats) -> float:

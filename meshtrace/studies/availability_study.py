@@ -170,7 +170,7 @@ def availability(
     numbers = np.array(list(each))
     if threshold is not None:
         numbers[:, 3] = threshold
-    spans = {item.name: item.quantile([0.0, 0.5, 1.0]).tolist() for item in known}
+    spans = {item.name: item.ppf([0.0, 0.5, 1.0]).tolist() for item in known}
     # digits of the surfaces do not depend on the threads of BLAS
     answer = held(ShareSurfaces)(study, known, axes, values, numbers, (outage, target), value)
     return held(answer.result)(

@@ -47,14 +47,14 @@ class Input(NamedTuple):
         """Return the values of a month, or of the year for inputs without months."""
         return self.values[month % len(self.values)]
 
-    def quantile(self, shares: Any) -> Any:
-        """Return quantiles over the year, with months of equal weight."""
+    def ppf(self, shares: Any) -> Any:
+        """Return quantiles over the year, with months of equal weight, as laws of scipy do."""
         each = [np.quantile(v, np.linspace(0.0, 1.0, _QUANTILES)) for v in self.values]
         return np.quantile(np.concatenate(each), shares)
 
     def axis(self) -> Axis:
         """Return the axis along which runs are placed, without the rarest values."""
-        values = self.quantile(np.linspace(_RARE, 1.0 - _RARE, 999))
+        values = self.ppf(np.linspace(_RARE, 1.0 - _RARE, 999))
         low, high = values[[0, -1]].tolist()
         if not low < high:
             raise Refused(f"inputs.{self.name}", low, "values that differ")

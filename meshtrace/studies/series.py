@@ -215,7 +215,10 @@ def in_flight(
     if flight is None and route is None and not any(tracked):
         return campaign.in_time(times)
     # a route replaces the place, a flight the tilt: both may act
-    where = {} if route is None else route.at(times, campaign.link.air_end[1].height)._asdict()
+    where: dict[str, Floats] = {}
+    if route is not None:
+        places = route.at(times, campaign.link.air_end[1].height)
+        where = {"position": places[:, :2], "height": places[:, 2]}
     lean: dict[str, Floats] = {}
     if flight is not None:
         for link in campaign.links.values():

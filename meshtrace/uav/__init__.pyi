@@ -3,7 +3,6 @@ from .airframe import Flight as Flight
 from .airframe import FlightRecord as FlightRecord
 from .airframe import Tilt as Tilt
 from .airframe import Uav as Uav
-from .route import Place as Place
 from .route import Route as Route
 from .tilt import ExactTiltLaw as ExactTiltLaw
 from .tilt import GammaTiltLaw as GammaTiltLaw

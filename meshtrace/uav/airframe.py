@@ -150,11 +150,17 @@ class Uav(Model, frozen=True):
         mean_wind, std = wind.mean_wind, wind.std
         if law == "exact":
             # gusts across the wind have the deviation of those along it
-            speed, along, _, up = map(float, (mean_wind[0], *std))
-            return ExactTiltLaw(self.tilt_coefficient, speed, along, up)
+            return ExactTiltLaw(
+                tilt_coefficient=self.tilt_coefficient,
+                mean_speed=mean_wind[0],
+                std_horizontal=std[0],
+                std_vertical=std[2],
+            )
         mean, variance = squared_wind_moments(mean_wind, std)
         # a Gamma law has the mean k b and the variance k b^2
-        return GammaTiltLaw(self.tilt_coefficient, mean**2 / variance, variance / mean)
+        return GammaTiltLaw(
+            tilt_coefficient=self.tilt_coefficient, shape=mean**2 / variance, scale=variance / mean
+        )
 
     def tilt_factors(self, wind: Dryden, fov: float) -> TiltFactors:
         """Return the law of the factor h_alpha in a wind; a single value for a constant tilt.

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from pydantic import model_validator
 
 from meshtrace.errors import Described, Refused, require_finite
 from meshtrace.models import Finite, Floats, Model, Position, Positive
-
-
-class Place(NamedTuple):
-    """Horizontal position (n, 2) and height (n,) of a receiver [m]."""
-
-    position: Floats
-    height: Floats
 
 
 class Route(Model, frozen=True):
@@ -38,9 +31,9 @@ class Route(Model, frozen=True):
     Examples
     --------
     >>> route = Route(times=(0, 10), positions=((-5, 0), (5, 0)))
-    >>> route.at([0.0, 2.5], height=5.0).position
-    array([[-5. ,  0. ],
-           [-2.5,  0. ]])
+    >>> route.at([0.0, 2.5], height=5.0)
+    array([[-5. ,  0. ,  5. ],
+           [-2.5,  0. ,  5. ]])
     """
 
     times: tuple[Finite, ...]
@@ -58,8 +51,8 @@ class Route(Model, frozen=True):
                 raise Refused(name, Described(f"{len(value)} of them"), f"{n}, one for each time")
         return self
 
-    def at(self, times: Floats | list[float], height: Positive) -> Place:
-        """Return the places at times (n,) [s].
+    def at(self, times: Floats | list[float], height: Positive) -> Floats:
+        """Return the positions (x, y, z) [m] at times (n,) [s].
 
         Parameters
         ----------
@@ -67,6 +60,10 @@ class Route(Model, frozen=True):
             Times [s] from the first waypoint to the last.
         height : float
             Height [m] of a route without heights.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
 
         Raises
         ------
@@ -80,9 +77,7 @@ class Route(Model, frozen=True):
         outside = (wanted < first) | (wanted > last)
         if outside.any():
             raise Refused("times", float(wanted[outside][0]), f"{first:g} <= times <= {last:g}")
-        columns = np.transpose(self.positions)
-        position = np.stack([np.interp(wanted, self.times, c) for c in columns], axis=-1)
         # the height of the link's receiver holds along the route
-        if self.heights is None:
-            return Place(position, np.full(len(wanted), height))
-        return Place(position, np.interp(wanted, self.times, self.heights))
+        heights = self.heights or [height] * len(self.times)
+        columns = *np.transpose(self.positions), heights
+        return np.stack([np.interp(wanted, self.times, c) for c in columns], axis=-1)

@@ -8,7 +8,6 @@ where the vertical is outside the field of view.
 from __future__ import annotations
 
 import abc
-import dataclasses
 import functools
 import math
 from collections.abc import Callable
@@ -20,7 +19,7 @@ from pydantic import Field
 
 from meshtrace.checks import Infinite, check_call, check_methods
 from meshtrace.errors import require_between
-from meshtrace.models import Floats
+from meshtrace.models import Floats, Model, NonNegative, Positive
 from meshtrace.quadrature import gauss_legendre
 
 
@@ -144,15 +143,13 @@ def _tilt_table(law: TiltLaw) -> Callable[[Floats], Floats]:
     return lambda angle: np.exp(table(np.clip(angle, low, high)))
 
 
-@check_methods
-@dataclasses.dataclass(frozen=True)
-class TiltLaw(abc.ABC):
+class TiltLaw(Model, abc.ABC, frozen=True):
     """Law of the tilt angle alpha = arctan(K V^2) and of the factor h_alpha = cos(alpha).
 
     Subclasses give the law of V^2; everything else follows by change of variable.
     """
 
-    tilt_coefficient: float  # K [s2 m-2]
+    tilt_coefficient: Positive  # K [s2 m-2]
 
     @abc.abstractmethod
     def _squared_wind(self, v2: ArrayLike, function: Literal["pdf", "cdf", "sf"]) -> Floats:
@@ -302,9 +299,7 @@ class TiltLaw(abc.ABC):
         return tilt, 0.5 * (high - low) * w * self.pdf(tilt)
 
 
-@check_methods
-@dataclasses.dataclass(frozen=True)
-class GammaTiltLaw(TiltLaw):
+class GammaTiltLaw(TiltLaw, frozen=True):
     """The paper's approximation: V^2 follows a Gamma law with the exact mean and variance.
 
     shape = E[V^2]^2 / Var[V^2],  scale = Var[V^2] / E[V^2]
@@ -319,8 +314,8 @@ class GammaTiltLaw(TiltLaw):
         beta_Gamma [m2 s-2], a scale (the paper writes beta and theta for the same number).
     """
 
-    shape: float
-    scale: float
+    shape: Positive
+    scale: Positive
 
     @functools.cached_property
     def _law(self) -> Any:
@@ -364,9 +359,7 @@ class GammaTiltLaw(TiltLaw):
         return np.exp(log_pdf)
 
 
-@check_methods
-@dataclasses.dataclass(frozen=True)
-class ExactTiltLaw(TiltLaw):
+class ExactTiltLaw(TiltLaw, frozen=True):
     """Exact law: V^2 is the sum of a non-central chi-squared variable and a central one.
 
     F(v) = int phi(w / s_z) / s_z  F_chi2[(v - w^2) / s_h^2; 2, (u / s_h)^2] dw,  |w| <= sqrt(v)
@@ -387,9 +380,9 @@ class ExactTiltLaw(TiltLaw):
         Standard deviations s_h of V_x and V_y and s_z of V_z [m s-1].
     """
 
-    mean_speed: float
-    std_horizontal: float
-    std_vertical: float
+    mean_speed: NonNegative
+    std_horizontal: Positive
+    std_vertical: Positive
 
     def _squared_wind(self, v2: ArrayLike, function: Literal["pdf", "cdf", "sf"]) -> Floats:
         from scipy.special import erfc

@@ -119,11 +119,9 @@ _LONGEST_COMMAND = 1800.0  # [s]: twenty first runs, which compile all kernels f
 
 def of_command(*arguments: str, env: dict[str, str] | None = None) -> tuple[float, float]:
     """Return the CPU and the wall seconds of Python with some arguments, and its processes."""
-    command = python_start(*arguments, env=env)
+    command, env = python_start(*arguments, env=env)
     before, start = os.times(), perf_counter()
-    subprocess.run(
-        command.args, env=command.env, check=True, capture_output=True, timeout=_LONGEST_COMMAND
-    )
+    subprocess.run(command, env=env, check=True, capture_output=True, timeout=_LONGEST_COMMAND)
     after, wall = os.times(), perf_counter() - start
     user = after.children_user - before.children_user
     return user + after.children_system - before.children_system, wall

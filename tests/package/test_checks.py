@@ -30,7 +30,6 @@ def call(
     either: float | Sequence[float] = 0.0,
     table: Mapping[str, tuple[float, float]] | None = None,
     far: Annotated[float, Field(gt=0.0), checks.Infinite()] = math.inf,
-    named: Annotated[float, checks.Allowed("a rate of the sea")] = 0.0,
     link: mt.Link | None = None,
 ):
     """Return what arrives."""
@@ -47,7 +46,6 @@ REFUSED = {
     "either": ("x", "either: 'x', allowed: a finite number or a list of finite numbers"),
     "table": ({"water.a": "ab"}, "table.water.a: 'ab', allowed: 2 finite numbers"),
     "far": (-math.inf, "far: -inf, allowed: > 0"),
-    "named": (None, "named: None, allowed: a rate of the sea"),
     "link": (3, "link: 3, allowed: a Link"),
     "lnk": (3, "lnk: 3, no such key, did you mean link? allowed: "),
 }

@@ -11,11 +11,10 @@ ROUTE = mt.Route(times=(0.0, 4.0, 6.0), positions=((-2, 0), (2, 0), (2, 1)), hei
 
 
 def test_places():
-    place = ROUTE.at([0.0, 1.0, 5.0, 6.0], height=3.0)
-    np.testing.assert_allclose(place.position, [(-2, 0), (-1, 0), (2, 0.5), (2, 1)])
-    np.testing.assert_allclose(place.height, [5, 5, 6, 7])
+    places = ROUTE.at([0.0, 1.0, 5.0, 6.0], height=3.0)
+    np.testing.assert_allclose(places, [(-2, 0, 5), (-1, 0, 5), (2, 0.5, 6), (2, 1, 7)])
     level = mt.Route(times=(0, 1), positions=((0, 0), (1, 0)))
-    np.testing.assert_array_equal(level.at([0.5], height=3.0).height, 3.0)
+    np.testing.assert_array_equal(level.at([0.5], height=3.0), [(0.5, 0.0, 3.0)])
 
 
 def test_gains_are_those_of_links_at_each_place():

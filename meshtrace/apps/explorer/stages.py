@@ -340,9 +340,10 @@ async def design_of(scenario: Scenario) -> Design:
         link, result_file = Path(folder, "link.toml"), Path(folder, "design.nc")
         link.write_text(scenario.to_toml(), encoding="utf-8")
         environment = dict(os.environ) | {"PYTHONPATH": import_path()}
-        start = python_start(*_DESIGN, str(link), "-o", str(result_file), env=environment)
+        options = str(link), "-o", str(result_file)
+        command, env = python_start(*_DESIGN, *options, env=environment)
         process = await asyncio.create_subprocess_exec(
-            *start.args, env=start.env,
+            *command, env=env,
             stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
         )  # fmt: skip
         try:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,16 +187,10 @@ def experiments() -> dict[str, Experiment]:
     return {name: Experiment.from_folder(DATA / name) for name in order}
 
 
-class ErrorBand(NamedTuple):
-    """Limits of computed values, shape (rows,), and the input that moves each most."""
-
-    low: Floats
-    high: Floats
-    dominant: tuple[str, ...]
-
-
 @check_call
-def band_of(nominal: Floats, stderr: Floats, ends: Mapping[str, Floats]) -> ErrorBand:
+def band_of(
+    nominal: Floats, stderr: Floats, ends: Mapping[str, Floats]
+) -> tuple[Floats, Floats, tuple[str, ...]]:
     r"""Return the band of computed values: unknown inputs and Monte Carlo error.
 
     .. math:: y_\pm = y_0 \pm \sqrt{\sum_j \Delta_{j\pm}^2 + (2 \sigma)^2}
@@ -210,9 +204,11 @@ def band_of(nominal: Floats, stderr: Floats, ends: Mapping[str, Floats]) -> Erro
 
     Returns
     -------
-    ErrorBand
-        Delta_j+ and Delta_j- are the largest rise and fall by input j alone; the dominant input
-        has the largest sum of the two, "Monte Carlo" where the standard error has a larger one.
+    low, high : ndarray, shape (rows,)
+        Limits y_- and y_+; Delta_j+ and Delta_j- are the largest rise and fall by input j alone.
+    dominant : tuple of str
+        The input with the largest sum of the two, "Monte Carlo" where the standard error has a
+        larger one.
     """
     moved = {name: np.atleast_2d(values) - nominal for name, values in ends.items()}
     up = np.array([np.maximum(d.max(axis=0), 0.0) for d in moved.values()])
@@ -223,7 +219,7 @@ def band_of(nominal: Floats, stderr: Floats, ends: Mapping[str, Floats]) -> Erro
     names = [*moved, "Monte Carlo"]
     dominant = tuple(names[i] for i in spans.argmax(axis=0))
     low = nominal - np.sqrt((down**2).sum(axis=0) + chance)
-    return ErrorBand(low, nominal + np.sqrt((up**2).sum(axis=0) + chance), dominant)
+    return low, nominal + np.sqrt((up**2).sum(axis=0) + chance), dominant
 
 
 _Words = Annotated[tuple[str, ...], Variable("row")]
@@ -369,16 +365,16 @@ def _compared(experiment: Experiment, photons: float) -> Iterator[tuple[Any, ...
         u.name: np.array([experiment.predict(photons, {u.name: v})[0] for v in u.others])
         for u in experiment.unknowns
     }
-    band = band_of(value, stderr, ends)
+    band_low, band_high, dominant = band_of(value, stderr, ends)
     low, high = np.array([[row.low, row.high] for row in experiment.rows]).T
-    verdict = verdicts(low, high, band).tolist()
-    columns = zip(value, stderr, band.low, band.high, verdict, band.dominant, strict=True)
+    verdict = verdicts(low, high, band_low, band_high).tolist()
+    columns = zip(value, stderr, band_low, band_high, verdict, dominant, strict=True)
     for row, computed in zip(experiment.rows, columns, strict=True):
         texts = experiment.name, row.quantity, row.unit, row.text
         yield (*texts, row.at, row.value, row.low, row.high, *computed)
 
 
-def verdicts(low: Floats, high: Floats, band: ErrorBand) -> NDArray[np.str_]:
+def verdicts(low: Floats, high: Floats, band_low: Floats, band_high: Floats) -> NDArray[np.str_]:
     """Return the verdicts on measured intervals, see `MeasuredTable`."""
-    met = (high >= band.low) & (low <= band.high)
+    met = (high >= band_low) & (low <= band_high)
     return np.where(np.isnan(low), "predicted", np.where(met, "inside", "outside"))
