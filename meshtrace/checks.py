@@ -1,4 +1,4 @@
-"""Arguments of public functions, checked by their annotations; errors of pydantic as `Refused`.
+"""Arguments of public functions, checked by their annotations.
 
 `check_call` decorates a function: pydantic validates each argument by its annotation before the
 call. Numbers are checked more strictly than by pydantic: it would accept booleans, text and nan.
@@ -20,7 +20,6 @@ from typing import (
     Any,
     Literal,
     NamedTuple,
-    NoReturn,
     ParamSpec,
     TypeVar,
     Union,
@@ -37,7 +36,6 @@ from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator
 
 from meshtrace.errors import (
     LARGEST,
-    MISSING,
     SMALLEST,
     Described,
     Refused,
@@ -46,6 +44,7 @@ from meshtrace.errors import (
     require_keys,
     require_real,
 )
+from meshtrace.pydantic_errors import allowed_alone, is_alternative, range_text, refuse, words_of
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -59,26 +58,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
 
-# by the names of pydantic's constraints: the sign in a range, which is written from low to high
-# ("0 < x"), and the comparison of a number with the bound
-_SIGNS = {"gt": "<", "ge": "<=", "lt": "<", "le": "<="}
+# comparisons of a number with a bound, by the names of pydantic's constraints
 _COMPARISONS = {"gt": operator.gt, "ge": operator.ge, "lt": operator.lt, "le": operator.le}
-# the allowed values in words, by the type of pydantic's error or the part of it before the first
-# "_": "float" stands for "float_parsing" and "float_type"
-_ALLOWED_OF_TYPE = {
-    "missing": "a value",
-    "finite_number": "finite numbers",
-    "tuple_type": "a list",
-    "list_type": "a list",
-    "mapping_type": "a table",
-    "dict_type": "a table",
-    "model_type": "a table",
-    "model_attributes_type": "a table",
-    "string_type": "a text",
-    "bool": "true or false",
-    "float": "a number",
-    "int": "an integer",
-}
 # what to pass for a protocol, whose name users have not met
 _SAID_OF_CLASS = {
     "HasCase": "a Scenario",
@@ -212,15 +193,15 @@ def _checked(name: str, adapter: pydantic.TypeAdapter[Any], value: Any) -> Any:
         errors = error.errors(include_url=False)
     # pydantic has an error for each alternative of a union, and names the alternative in the path;
     # ours lead to a value only, and the outermost of them is shown with all that it might be
-    paths = [[key for key in row["loc"] if not _is_alternative(key)] for row in errors]
+    paths = [[key for key in row["loc"] if not is_alternative(key)] for row in errors]
     place = min(paths, key=len)
     tried = [e for e, path in zip(errors, paths, strict=True) if path[: len(place)] == place]
     if len(tried) == 1:
         refuse(tried[0], name, place)
     for key in place:
         value = value[key]
-    allowed = " or ".join(dict.fromkeys(map(_allowed_alone, tried)))
-    raise Refused("", _shown(value), allowed).inside(name, *_words_of(place))
+    allowed = " or ".join(dict.fromkeys(map(allowed_alone, tried)))
+    raise Refused("", _shown(value), allowed).inside(name, *words_of(place))
 
 
 _Check = Callable[[Any], Any]
@@ -383,7 +364,7 @@ def _typed(hint: Any, limits: _Limits) -> Any:
     if kind is Annotated:
         # a `Field` holds its bounds in its metadata; the other markers stand for themselves
         markers = [m for part in parts[1:] for m in getattr(part, "metadata", None) or [part]]
-        bounds = {key: getattr(part, key) for part in markers for key in _SIGNS
+        bounds = {key: getattr(part, key) for part in markers for key in _COMPARISONS
                   if getattr(part, key, None) is not None}  # fmt: skip
         if any(isinstance(part, Inside) for part in markers):
             return Any
@@ -610,93 +591,3 @@ _SCALARS: dict[Any, Callable[[Any, _Limits], Any]] = {
     ArrayLike: _array,
     Path: _path,
 }
-
-
-# ---- errors of pydantic ----------------------------------------------------------------------
-
-
-def refuse(
-    first: Any, name: str, path: list[Any], cls: type[pydantic.BaseModel] | None = None
-) -> NoReturn:
-    """Raise `Refused` for one of pydantic's errors (`first`).
-
-    The field is `name` followed by the `path` of the error inside it; for a model (`cls`) it is
-    the path alone, or `name` if that is empty.
-    """
-    kind, cause = first["type"], first.get("ctx", {}).get("error")
-    path = path if cls else [name, *_words_of(path)]
-    if isinstance(cause, Refused):
-        if cls and path and cause.field == path[-1]:  # validators of a field name it themselves
-            path.pop()
-        raise cause.inside(*path) from None
-    value = MISSING if kind == "missing" else first["input"]
-    allowed, hint = str(cause) if cause else allowed_by(first, cls), ""
-    # pydantic lists the words with "or" before the last
-    if kind == "literal_error":
-        hint = did_you_mean(value, allowed.replace(" or ", ", ").split(", "))
-    raise Refused("", value, allowed, hint).inside(*(path or [name])) from None
-
-
-def _words_of(path: list[Any]) -> list[Any]:
-    """Return the keys of a path, dotted ones such as "water.a" split as in link files."""
-    dotted = (key.split(".") if isinstance(key, str) else [key] for key in path)
-    return [word for words in dotted for word in words]
-
-
-def _is_alternative(key: Any) -> bool:
-    """Return whether a key in a path of pydantic names an alternative, such as "list[int]"."""
-    return isinstance(key, str) and (key.startswith("function-") or key.endswith(("]", ")")))
-
-
-def _allowed_alone(error: Any) -> str:
-    """Return the allowed values of one alternative of a union."""
-    cause = error.get("ctx", {}).get("error")
-    return cause.allowed if isinstance(cause, Refused) else allowed_by(error)
-
-
-def allowed_by(error: Mapping[str, Any], cls: type[pydantic.BaseModel] | None = None) -> str:
-    """Describe the values that a pydantic error allows, for a model field or a single value."""
-    kind, context = error["type"], error.get("ctx", {})
-    if kind == "literal_error":
-        return str(context["expected"].replace("'", ""))
-    if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
-        return _range(cls, list(error["loc"]), context)
-    if kind == "too_short":
-        return f"at least {context['min_length']} of them"
-    if kind == "too_long":
-        return f"at most {context['max_length']} of them"
-    words = _ALLOWED_OF_TYPE.get(kind) or _ALLOWED_OF_TYPE.get(kind.partition("_")[0])
-    return words or str(error["msg"].removeprefix("Input should be "))
-
-
-def _range(
-    cls: type[pydantic.BaseModel] | None, path: list[int | str], context: dict[str, Any]
-) -> str:
-    """Return the range of a field, as in "> 0" and "0 < fov_deg <= 180"."""
-    field = cls.model_fields.get(str(path[0])) if cls and path else None
-    if field is None:
-        return range_text(context)
-    bounds = {key: getattr(part, key) for part in field.metadata for key in _SIGNS
-              if getattr(part, key, None) is not None}  # fmt: skip
-    # pydantic reports only the bound that was exceeded; the field has the other, too
-    return range_text(bounds if context.items() <= bounds.items() else context, str(path[0]))
-
-
-def range_text(bounds: Mapping[str, Any], name: str = "") -> str:
-    """Return a range as text, as in "> 0" and "0 < fov_deg <= 180", "" without bounds."""
-    shown = {key: _bound(bounds[key]) for key in _SIGNS if key in bounds}
-    low = next((f"{v} {_SIGNS[k]}" for k, v in shown.items() if k in ("gt", "ge")), "")
-    high = next((f"{_SIGNS[k]} {v}" for k, v in shown.items() if k in ("lt", "le")), "")
-    if low and high:
-        return f"{low} {name} {high}"
-    # a lower bound alone turns around: "0 <" is written "> 0"
-    return high or (low and f"{low.split()[1].replace('<', '>')} {low.split()[0]}")
-
-
-def _bound(value: Any) -> str:
-    """Return a bound as text, large powers of two as such."""
-    # 2^53 is easier to read than its sixteen digits
-    power = isinstance(value, int) and value > 2**20 and value & (value - 1) == 0
-    if power:
-        return f"2^{value.bit_length() - 1}"
-    return str(value) if isinstance(value, int) else f"{value:g}"

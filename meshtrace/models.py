@@ -43,7 +43,7 @@ from pydantic import BeforeValidator, Field, PrivateAttr, SerializeAsAny
 from meshtrace.checks import Finite as Finite
 from meshtrace.checks import NonNegative as NonNegative
 from meshtrace.checks import Positive as Positive
-from meshtrace.checks import check_methods, refuse
+from meshtrace.checks import check_methods
 from meshtrace.errors import (
     LARGEST,
     MISSING,
@@ -58,6 +58,7 @@ from meshtrace.errors import (
     within,
 )
 from meshtrace.fields import entries
+from meshtrace.pydantic_errors import refuse
 from meshtrace.units import convert, is_same, is_unit, unit_of, without_unit
 
 if TYPE_CHECKING:

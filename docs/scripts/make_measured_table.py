@@ -118,7 +118,7 @@ def draw(experiment, table) -> None:
 
     data = table.to_dataset()
     data = data.isel(row=np.array(table.experiment) == experiment.name)
-    series = np.array([row.series for row in experiment.rows])
+    series = np.array([row.series for row in experiment.records])
     figure, ax = plt.subplots(figsize=(4.6, 3.0), layout="constrained")
     chosen = [name for name in dict.fromkeys(series) if name != "ratio"]
     for i, name in enumerate(chosen):

@@ -156,7 +156,7 @@ def _refusal(error: Any) -> str:
     """Return the refusal of an option's value, or "" for any other invalid argument."""
     import pydantic
 
-    from meshtrace.checks import allowed_by
+    from meshtrace.pydantic_errors import allowed_by
 
     cause = error.__cause__
     if not isinstance(cause, pydantic.ValidationError):

@@ -156,7 +156,7 @@ def spectrum_of(table: Table) -> WaterSpectrum:
     file, keys = split(table, ["file"])
     if not isinstance(file["file"], str):
         raise Refused("file", file["file"], "the path of a file")
-    return read_spectrum(file["file"]).replace(**keys)
+    return read_spectrum(file["file"]).model_copy(update=keys)
 
 
 def _bubbles(table: Table, shared: Table, printed: bool) -> BubblePopulation | None:

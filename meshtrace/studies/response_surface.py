@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any
 
 import numpy as np
 
@@ -60,19 +59,22 @@ class ResponseSurface:
         trend = ConstantKernel(1.0, (1e-3, 1e4)) * DotProduct(1.0, (0.1, 100.0)) ** 2
         lengths = RBF(np.ones(places.shape[1]), _LENGTHS)
         signal = trend + ConstantKernel(1.0, (1e-4, 1e2)) * lengths
-        options: dict[str, Any] = {"normalize_y": True, "random_state": 0}
         with warnings.catch_warnings():
             # an input without effect has an infinite length, which the bounds cut off
             warnings.simplefilter("ignore", ConvergenceWarning)
             known = np.broadcast_to((noise / values.std()) ** 2, values.shape)
             search = GaussianProcessRegressor(
                 signal + WhiteKernel(1e-3, (1e-6, 2.0)), alpha=known,
-                n_restarts_optimizer=_RESTARTS, **options,
+                n_restarts_optimizer=_RESTARTS, normalize_y=True, random_state=0,
             )  # fmt: skip
             fitted = search.fit(places, values).kernel_
         # the noise belongs to the runs and not to the surface, whose errors are asked for
         self._model = GaussianProcessRegressor(
-            fitted.k1, alpha=known + fitted.k2.noise_level, optimizer=None, **options
+            fitted.k1,
+            alpha=known + fitted.k2.noise_level,
+            optimizer=None,
+            normalize_y=True,
+            random_state=0,
         ).fit(places, values)
         self._places, self._scale = places, float(values.std())
         self._inverse = np.linalg.inv(self._model.L_ @ self._model.L_.T)

@@ -669,7 +669,7 @@ def base_scenario(
     # a first guess of forced detection, from which each point goes on to its tolerance
     photons = FIRST_CHAINS if isinstance(run.estimator, Forced) else run.photons
     fields = run.model_dump(exclude={*_SHARED, "threads"}, exclude_none=True)
-    return scenario.model_copy(update={"run": Run(**fields, photons=photons)})
+    return scenario.model_copy(update={"run": Run.model_validate(fields | {"photons": photons})})
 
 
 def _plain(values: Sequence[Any]) -> list[Any]:

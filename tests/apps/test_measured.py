@@ -36,7 +36,7 @@ def test_data_of_an_experiment(name):
     """Texts, units, places; each unknown input has a range with an authority."""
     one = EXPERIMENTS[name]
     assert one.doi == "" or one.doi.startswith("10.")
-    assert all(row.place and row.unit in UNITS for row in one.rows)
+    assert all(row.place and row.unit in UNITS for row in one.records)
     for unknown in one.unknowns:
         assert unknown.nominal not in unknown.others
         assert unknown.unit in UNITS
@@ -53,7 +53,7 @@ def test_suite_has_the_experiments_asked_for():
 
 
 def test_a_value_outside_its_own_range_is_refused():
-    row = EXPERIMENTS["hu"].rows[0]
+    row = EXPERIMENTS["hu"].records[0]
     with pytest.raises(Refused, match="in this order"):
         row.replace(value=0.7)
 

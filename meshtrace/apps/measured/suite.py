@@ -131,7 +131,7 @@ class Experiment(Model, frozen=True):
         "file:function" of the room.
     abscissa, ordinate : str
         Labels of the figure.
-    unknowns, rows : sequence of Unknown, MeasuredRow
+    unknowns, records : sequence of Unknown, MeasuredRow
         Inputs with ranges, printed numbers.
     """
 
@@ -149,7 +149,7 @@ class Experiment(Model, frozen=True):
     abscissa: _Text
     ordinate: _Text
     unknowns: tuple[Unknown, ...] = Field(min_length=1)
-    rows: tuple[MeasuredRow, ...] = Field(min_length=1)
+    records: tuple[MeasuredRow, ...] = Field(min_length=1)
 
     @classmethod
     def from_folder(cls, folder: Path) -> Experiment:
@@ -162,7 +162,7 @@ class Experiment(Model, frozen=True):
         ]
         along = [row["at"] for row in records]
         records = [row | {"along": along} for row in records]
-        return cls.model_validate({"name": folder.name, "rows": records} | texts)
+        return cls.model_validate({"name": folder.name, "records": records} | texts)
 
     def predict(
         self, photons: float, changed: dict[str, Any] | None = None
@@ -174,7 +174,7 @@ class Experiment(Model, frozen=True):
         room, name = self.prediction.split(":")
         function = getattr(import_module(f"{__package__}.{room}"), name)
         inputs = {u.name: u.nominal for u in self.unknowns} | (changed or {})
-        predictions = [function(row, photons, **inputs) for row in self.rows]
+        predictions = [function(row, photons, **inputs) for row in self.records]
         value, stderr = np.array([v if isinstance(v, tuple) else (v, 0.0) for v in predictions]).T
         return value, stderr
 
@@ -366,10 +366,10 @@ def _compared(experiment: Experiment, photons: float) -> Iterator[tuple[Any, ...
         for u in experiment.unknowns
     }
     band_low, band_high, dominant = band_of(value, stderr, ends)
-    low, high = np.array([[row.low, row.high] for row in experiment.rows]).T
+    low, high = np.array([[row.low, row.high] for row in experiment.records]).T
     verdict = verdicts(low, high, band_low, band_high).tolist()
     columns = zip(value, stderr, band_low, band_high, verdict, dominant, strict=True)
-    for row, computed in zip(experiment.rows, columns, strict=True):
+    for row, computed in zip(experiment.records, columns, strict=True):
         texts = experiment.name, row.quantity, row.unit, row.text
         yield (*texts, row.at, row.value, row.low, row.high, *computed)
 
