@@ -208,12 +208,12 @@ def short_waves(
 
 
 @lru_cache(maxsize=2)
-def foam_streaks(size: float, n: int, direction_deg: float, seed: int = 1) -> NDArray[np.float32]:
+def foam_streaks(size: float, n: int, direction_deg: float) -> NDArray[np.float32]:
     """Return periodic noise of unit variance on an n by n lattice of edge `size` [m].
 
     It is stretched along the wind, which blows to `direction_deg`.
     """
-    rng = np.random.default_rng(seed + 1)
+    rng = np.random.default_rng(2)  # another seed than that of `short_waves`
     white = fft.rfft2(rng.standard_normal((n, n), dtype=np.float32))
     k_x = 2.0 * math.pi * fft.fftfreq(n, size / n)[:, None]
     k_y = 2.0 * math.pi * fft.rfftfreq(n, size / n)[None, :]

@@ -507,13 +507,7 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
                     mesh, record=pixels, per_lamp=campaign.per_lamp
                 )
             ]
-            values = []
-            for gains_of, link in zip(each, links, strict=True):
-                columns = [(part.shifts, part.direct) for part in gains_of.with_lamps]
-                if pixels:
-                    by_pixel = pixel_groups(gains_of.table[0], link).reshape(-1, SHIFTS)
-                    columns.append((by_pixel, np.full_like(by_pixel, np.nan)))
-                values.append([np.concatenate(kind) for kind in zip(*columns, strict=True)])
+            values = [_columns(*pair, pixels) for pair in zip(each, links, strict=True)]
             return np.moveaxis(np.array(values), 1, 0)
 
         return over_mesh
@@ -537,6 +531,15 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
         return np.stack([chains.parts(link, surface_mesh) for chains, link in pairs], axis=1)
 
     return tilted_gains
+
+
+def _columns(gains: Any, link: Link, pixels: bool) -> list[Floats]:
+    """Return gains of receivers, lamps and pixels by shift, and their unscattered parts."""
+    columns = [(part.shifts, part.direct) for part in gains.with_lamps]
+    if pixels:
+        by_pixel = pixel_groups(gains.table[0], link).reshape(-1, SHIFTS)
+        columns.append((by_pixel, np.full_like(by_pixel, np.nan)))
+    return [np.concatenate(kind) for kind in zip(*columns, strict=True)]
 
 
 def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh) -> Floats:
