@@ -106,6 +106,12 @@ class ShareSurfaces:
     def _places(self, values: Floats) -> Floats:
         return np.transpose([axis.place(values[:, k]) for k, axis in enumerate(self.axes)])
 
+    def _places_of_states(self, states: Floats, value: float) -> Floats:
+        """Return the places of states (n, inputs) at a value of the key of the range, if any."""
+        if len(self.axes) > len(self.inputs):
+            states = np.column_stack([states, np.full(len(states), value)])
+        return self._places(states)
+
     @cached_property
     def _states(self) -> Floats:
         """States (months, sets, n, inputs) of the inputs."""
@@ -145,17 +151,14 @@ class ShareSurfaces:
         states = self._states[months]
         weights = np.ones(len(months)) if len(months) < MONTHS else DAYS
         weights = weights[:, None] / weights.sum() / states.shape[2]
-        flat = states.reshape(-1, len(self.inputs))
-        if len(self.axes) > len(self.inputs):
-            flat = np.column_stack([flat, np.full(len(flat), value)])
-        places = self._places(flat)
+        places = self._places_of_states(states.reshape(-1, len(self.inputs)), value)
         margin = self.gain.values(places) - self.need.values(places)
         log_variance = self.fading.values(places)
         works = self._works(margin, log_variance).reshape(3, *states.shape[:3])
         by_set = (works * weights[None, :, None]).sum(axis=(1, 3))
         variance = by_set.var(axis=1, ddof=1) / _SETS
         # states spread over all months
-        weighed = np.unique(np.linspace(0, len(flat) - 1, _WEIGHED).astype(int))
+        weighed = np.unique(np.linspace(0, len(places) - 1, _WEIGHED).astype(int))
         share = np.broadcast_to(weights[:, None], states.shape[:3]).ravel()[weighed]
         share = share / share.sum()
         at, margin, log_variance = places[weighed], margin[weighed], log_variance[weighed]
@@ -181,10 +184,7 @@ class ShareSurfaces:
         """Return the Sobol indices of the inputs at the link's value of the key of the range."""
 
         def quantities(values: Floats) -> Floats:
-            states = values.T
-            if len(self.axes) > len(self.inputs):
-                states = np.column_stack([states, np.full(len(states), self.value)])
-            places = self._places(states)
+            places = self._places_of_states(values.T, self.value)
             gain, logs = self.gain.values(places), self.fading.values(places)
             margin = gain - self.need.values(places) + _fades().quantile(self.outage, logs)
             return np.array([gain, logs, margin])
@@ -223,10 +223,8 @@ class ShareSurfaces:
         """Return the result of the study."""
         months = range(MONTHS) if self._months == MONTHS else ()
         gain, gain_stderr, variance, need = self.numbers.T
-        flat = self._states.reshape(-1, len(self.inputs))
-        if len(self.axes) > len(self.inputs):
-            flat = np.column_stack([flat, np.full(len(flat), self.value)])
-        quantiles = np.exp(np.quantile(self.gain.values(self._places(flat)), _LEVELS))
+        places = self._places_of_states(self._states.reshape(-1, len(self.inputs)), self.value)
+        quantiles = np.exp(np.quantile(self.gain.values(places), _LEVELS))
         return Availability(
             periods=tuple(self._period(month) for month in (None, *months)),
             influences=self._influences(),
