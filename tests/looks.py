@@ -28,7 +28,8 @@ def stroke(artist):
     elif isinstance(artist, Line2D):
         filled = to_rgb(artist.get_markerfacecolor()) != (1.0, 1.0, 1.0)
         dashes = artist._dash_pattern  # the pattern itself has no public name
-        form = artist.get_linestyle(), str(dashes), artist.get_marker(), filled
+        wide = artist.get_linewidth() > 3.0
+        form = artist.get_linestyle(), str(dashes), artist.get_marker(), filled, wide
         color = artist.get_color()
     elif isinstance(artist, StepPatch) and not artist.get_fill():
         color, form = artist.get_edgecolor(), (str(artist.get_linestyle()),)
