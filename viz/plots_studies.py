@@ -209,7 +209,8 @@ def plot_tornado(
         for bar in bars
     ]
     values = {"change": [b.change for b in bars], "change_stderr": [b.stderr for b in bars]}
-    names = [name.removesuffix(" 1") for name in names]  # of a dimensionless parameter
+    # of a dimensionless parameter, and of an angle
+    names = [name.removesuffix(" 1").replace(" °", "°") for name in names]
     data = marks.dataset(values, name=names, side=["lower", "higher"])
     # `bars` takes the groups first
     ax = marks.bars(ax, data.transpose(), "change", across=True, beside=False)
@@ -251,6 +252,9 @@ def plot_pixels(signals: studies.PixelSignals, *, ax: Axes | None = None) -> Axe
         ax.text(k * shift, 1.06 * half, name, ha="center", va="bottom", color=INK)
         for sign, mark in ((-1.0, "\N{MINUS SIGN}" + rim), (0.0, "0°"), (1.0, rim)):
             ax.text(k * shift + sign * half, -1.06 * half, mark, ha="center", va="top", color=INK)
+        ax.text(
+            k * shift, -1.22 * half, "angle of arrival", ha="center", va="top", color=INK, size=9
+        )
         i, j = signals.best_pixel
         corner = float(edge[i]) + k * shift, float(edge[j])
         frame = Rectangle(corner, side, side, fill=False, edgecolor=PALETTE["vermilion"], lw=1.6)
@@ -258,7 +262,7 @@ def plot_pixels(signals: studies.PixelSignals, *, ax: Axes | None = None) -> Axe
     frame.set_label("best pixel")
     ax.legend(handles=[frame], loc="upper left", frameon=False, bbox_to_anchor=(0.0, 1.0))
     ax.figure.colorbar(image, ax=ax, label="counts [s$^{-1}$]", shrink=0.7, aspect=16)
-    ax.set(aspect="equal", ylim=(-1.3 * half, 1.5 * half), xlim=(-1.1 * half, shift + 1.1 * half))
+    ax.set(aspect="equal", ylim=(-1.45 * half, 1.5 * half), xlim=(-1.1 * half, shift + 1.1 * half))
     ax.axis("off")
     return ax
 
