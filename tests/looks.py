@@ -63,8 +63,12 @@ def faults(figure):
     """Draw a figure; return what lies over what: texts, legends, curves and the frame."""
     figure.canvas.draw()
     found = []
-    hidden = {label for ax in figure.axes for axis in (ax.xaxis, ax.yaxis) for label in _beyond(axis)}
-    texts = [t for t in figure.findobj(Text) if t.get_visible() and t.get_text() and t not in hidden]
+    hidden = {
+        label for ax in figure.axes for axis in (ax.xaxis, ax.yaxis) for label in _beyond(axis)
+    }
+    texts = [
+        t for t in figure.findobj(Text) if t.get_visible() and t.get_text() and t not in hidden
+    ]
     frame = figure.bbox.padded(1.0)  # [pixel] rounding of the layout
     boxes = {text: text.get_window_extent() for text in texts}
     for text, box in boxes.items():
@@ -89,7 +93,7 @@ def faults(figure):
         found += [
             f"legend over {line.get_label()!r}"
             for line in ax.get_lines()
-            if legend and line.get_transform() is ax.transData
+            if legend
             if _passes(line, legend.get_window_extent(), ax)
         ]
     return found
@@ -99,7 +103,7 @@ def _passes(line, box, ax):
     """Return whether a curve or a marker of it, within the axes, lies in a box."""
     x, y = (np.asarray(ax.convert_xunits(v), float) for v in line.get_data())
     with np.errstate(all="ignore"):
-        points = ax.transData.transform(np.column_stack([x, y]))
+        points = line.get_transform().transform(np.column_stack([x, y]))
     if len(points) > 1 and line.get_linestyle() != "None":  # between its points as well
         at = np.arange(len(points))
         finer = np.linspace(0.0, len(points) - 1.0, 20 * len(points))

@@ -438,8 +438,11 @@ def plot_coverage(
     if place is not None:
         highest = x[place[0]], y[place[1]]
         ax.plot(*highest, "*", color=LED_COLOR, mec=INK, ms=11, clip_on=False)
-        marks.note(ax, f"star: highest gain, at x = {number(highest[0], '.3g')} m, "
-            f"y = {number(highest[1], '.3g')} m")
+        marks.note(
+            ax,
+            f"star: highest gain, at x = {number(highest[0], '.3g')} m, "
+            f"y = {number(highest[1], '.3g')} m",
+        )
     elif np.isfinite(stderr).all() and smooth.max() > 0.0:
         marks.note(ax, f"highest gain: {cells_as_high} cells are equal within errors")
     return ax

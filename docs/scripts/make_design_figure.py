@@ -49,7 +49,8 @@ def main() -> None:
                     "lw": 2.5, "shrinkA": 0, "shrinkB": 0})  # fmt: skip
         ax.plot(given, y, "o", color="black", ms=6)
         verdict = "closes" if best >= 0.0 else "short"
-        ax.text(best + 1.0, y, f"{number(best, '+.1f')} dB: {verdict}", va="center", fontsize=9, color=color)
+        text = f"{number(best, '+.1f')} dB: {verdict}"
+        ax.text(best + 1.0, y, text, va="center", fontsize=9, color=color)
         ax.text(given - 1.0, y, number(given, "+.1f"), va="center", ha="right", fontsize=9)
     ax.axvline(0.0, color="black", lw=1.0)
     ax.set_yticks(np.arange(len(rows))[::-1], [f"{mount}, {light}" for mount, light, _ in rows])

@@ -91,11 +91,12 @@ def draw_forest(table, whole: bool) -> None:
     for name, i in zip(names, first, strict=True):
         if whole:
             ax.axhline(y[i] + 0.5, color="#bbbbbb", lw=0.5)
-            ax.text(1.01, y[i], name.title(), transform=ax.get_yaxis_transform(), va="center", fontsize=7)
+            beside = ax.get_yaxis_transform()
+            ax.text(1.01, y[i], name.title(), transform=beside, va="center", fontsize=7)
     known = measured.experiments()
     words = data.observable.to_numpy() if whole else [known[name].title for name in names]
-    ax.set_yticks(y if whole else np.unique(y)[::-1],
-                  [str(word).replace("K_d", "$K_d$").replace(" deg", "°") for word in words], fontsize=7)  # fmt: skip
+    printed = [str(word).replace("K_d", "$K_d$").replace(" deg", "°") for word in words]
+    ax.set_yticks(y if whole else np.unique(y)[::-1], printed, fontsize=7)
     ax.axvline(1.0, color="black", lw=0.8)
     ax.set(xscale="log", xlim=(edge, 8.0 if whole else 3.0), ylim=(y.min() - 0.6, 0.6))
     ticks = [tick for tick in TICKS if whole or 0.3 < tick < 3.0]

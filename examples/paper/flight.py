@@ -125,9 +125,7 @@ def wind(setting: Setting, duration: float) -> FigureOutput:
             axes[i, 0].plot(times, records[form][:, i], lw=1.0, label=FORM_NAMES[form])
     for i, name in enumerate("xy"):
         axes[i, 0].axhline(mean[i], color=viz.style.INK, lw=0.8, ls=":", label="mean")
-        viz.marks.finished(
-            axes[i, 0], ylabel=f"wind $V_{name}$ [m s$^{{-1}}$]", legend=False
-        )
+        viz.marks.finished(axes[i, 0], ylabel=f"wind $V_{name}$ [m s$^{{-1}}$]", legend=False)
     axes[0, 0].legend(ncols=3)
     axes[1, 0].set(xlabel="time $t$ [s]", xlim=(0.0, min(duration, 120.0)))
     numbers = []

@@ -137,8 +137,9 @@ def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
     ax = marks.axes(ax)
     merit, label = _MERITS[o.objective]
     ax.plot(o.history[:, 0], merit(o.history[:, -1]), "o", ms=4, label="candidates")
-    ax.plot(o.values[0], merit(np.array(o.cost)), "*", ms=12, color=PALETTE["vermilion"], label="best")
-    ax.axvspan(*o.flatness[0], color=PALETTE["vermilion"], alpha=0.15, label="within one standard error")
+    shade = PALETTE["vermilion"]
+    ax.plot(o.values[0], merit(np.array(o.cost)), "*", ms=12, color=shade, label="best")
+    ax.axvspan(*o.flatness[0], color=shade, alpha=0.15, label="within one standard error")
     return marks.finished(ax, xlabel=label_of(o.variables[0]), ylabel=label)
 
 

@@ -341,7 +341,9 @@ def test_comparison():
     assert [bar.get_width() for bar in ax.patches] == pytest.approx(found.ratio_db.tolist())
     assert [text.get_text() for text in ax.get_yticklabels()] == ["a", "b"]
     ratio, error = found.ratio_db[1], found.ratio_db_stderr[1]
-    assert f"{style.number(ratio, '+.3g')} ± {error:.1g} dB" in [text.get_text() for text in ax.texts]
+    assert f"{style.number(ratio, '+.3g')} ± {error:.1g} dB" in [
+        text.get_text() for text in ax.texts
+    ]
 
 
 def test_a_dark_link_of_a_comparison_is_named():

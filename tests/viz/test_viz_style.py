@@ -11,7 +11,6 @@ from meshtrace import viz
 from meshtrace.viz import style
 from meshtrace.viz.style import PALETTE
 
-
 # Machado, Oliveira and Fernandes (2009), doi:10.1109/TVCG.2009.113, severity 1, linear RGB
 DEUTERANOPIA = np.array(
     [
