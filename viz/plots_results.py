@@ -415,7 +415,8 @@ def plot_coverage(
     place, cells_as_high = place_of_highest(gain, stderr), as_high(gain, stderr).sum()
     if ax is None:
         ax = marks.axes(None)
-        ax.figure.set(figwidth=5.3)  # [inch] tuned: a square map and its colour bar
+        # [inch] tuned: a square map and its colour bar
+        ax.figure.set(figwidth=5.3, layout_engine="compressed")
     label, shown = axis_label("gain"), gain
     # smoothed by a cell: contours of a noisy map would be islands of single cells
     from scipy.ndimage import gaussian_filter  # here: maps alone need it
