@@ -37,7 +37,7 @@ exclude_patterns = ["_build", "_generated", "gallery", "examples/*.ipynb", "joss
 templates_path = ["_templates"]
 default_role = "code"
 nitpicky = False
-smartquotes = False  # words of link files are quoted as they are typed
+smartquotes_action = "D"  # dashes alone: words of link files are quoted as they are typed
 
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3

@@ -19,7 +19,9 @@ import numpy as np
 import xarray as xr
 from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.lines import Line2D
+from matplotlib.patches import StepPatch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
@@ -27,7 +29,7 @@ from meshtrace.errors import Described, Refused, require_array
 from meshtrace.fields import FIELDS, attrs
 from meshtrace.models import Floats
 
-from .style import INK, RC, axis_label, label_of, verbatim
+from .style import INK, PALETTE, RC, STROKES, axis_label, label_of, verbatim
 
 _SCALES: dict[str, tuple[Callable[[Floats], Floats], str]] = {
     "rad": (np.degrees, "°"),
@@ -38,7 +40,7 @@ _SCALES: dict[str, tuple[Callable[[Floats], Floats], str]] = {
 """Axis units that replace the units of variables, by name or unit of the variable."""
 
 _LONGEST = 52  # characters of a label beside axes
-_BESIDE = 8  # names of a legend that stands beside the axes
+_BESIDE = 5  # most names of a legend inside the axes: more find no free corner
 _NAMED = 12  # most curves that are named; of more, every second, third ... is
 
 
@@ -87,6 +89,7 @@ def finished(ax: Axes, x: str = "", y: str = "", *, legend: bool = True, **setti
         settings |= {side: label_of(name)} if name else {}
     ax.set(**settings)
     ax.set_ylabel(wrapped(ax.get_ylabel()))
+    _told_apart(ax)
     named = len(ax.get_legend_handles_labels()[1])
     if legend and named:
         old = ax.get_legend()
@@ -97,6 +100,20 @@ def finished(ax: Axes, x: str = "", y: str = "", *, legend: bool = True, **setti
         else:
             ax.legend(title=title)
     return ax
+
+
+def _told_apart(ax: Axes) -> None:
+    """Give solid curves and round markers the dashes and the marker of their colour."""
+    for line in ax.get_lines():
+        dashes, marker, _ = STROKES.get(to_hex(line.get_color()).upper(), ("-", "o", ""))
+        if line.get_linestyle() == "-":
+            line.set_linestyle(dashes)
+        if line.get_marker() == "o":
+            line.set_marker(marker)
+    for patch in ax.patches:
+        if isinstance(patch, StepPatch) and not patch.get_fill():
+            shade = to_hex(patch.get_edgecolor()).upper()
+            patch.set_linestyle(STROKES.get(shade, ("-",))[0])
 
 
 def _titled(ax: Axes, data: xr.Dataset, quantity: str) -> Axes:
@@ -204,9 +221,9 @@ def lines(
     x, label = along(data, quantity)
     ax, drawn = axes(ax), list(curves(data, quantity))
     every = math.ceil(len(drawn) / _NAMED)
-    if every > 1:
-        # more curves than the palette has colours: shades in their order
-        ax.set_prop_cycle(color=colormaps["viridis"](np.linspace(0.0, 0.95, len(drawn))))
+    if len(drawn) > len(PALETTE):  # shades in their order
+        shades = colormaps["viridis"](np.linspace(0.0, 0.95, len(drawn)))
+        ax.set_prop_cycle(color=shades)
     styled = zip(drawn, itertools.cycle(styles), itertools.cycle(colors or (None,)), strict=False)
     for i, ((name, values, low, high), style, color) in enumerate(styled):
         options: Any = {"markersize": 4, "label": None if i % every else name or None} | look
@@ -216,6 +233,9 @@ def lines(
             (line,) = ax.plot(x, values, style, **options)
         except ValueError as error:
             raise Refused("style", style, "a line and a marker as in o--") from error
+        if len(drawn) > len(PALETTE) and line.get_linestyle() == "-":
+            # two shades in turn are too close for grey print
+            line.set_linestyle(("-", "--", "-.", ":")[i % 4])
         if low is not None and high is not None:
             band(ax, line, low, high)
     if f"{quantity}_low" not in data and f"{quantity}_stderr" in data:
@@ -261,7 +281,10 @@ def bars(
     for i, (name, values, _, high) in enumerate(groups):
         shift = (i - 0.5 * (len(groups) - 1)) * room if beside else 0.0
         (known,) = np.isfinite(values).nonzero()
-        (ax.barh if across else ax.bar)(known + shift, values[known], room, label=name)
+        drawn = (ax.barh if across else ax.bar)(known + shift, values[known], room, label=name)
+        for bar in drawn:
+            hatch = STROKES.get(to_hex(bar.get_facecolor()).upper(), ("", "", ""))[2]
+            bar.set(hatch=hatch, edgecolor="white", linewidth=0.0)
         if high is not None:
             spans = (high - values)[known]
             where = (values[known], known + shift) if across else (known + shift, values[known])

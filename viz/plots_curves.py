@@ -16,7 +16,7 @@ from meshtrace.fields import FIELDS, attrs
 from meshtrace.results.series import ByWavelength, by_wavelength
 
 from .marks import along, axes, curves, finished, lines, note, variable
-from .style import INK, label_of, verbatim
+from .style import INK, label_of, number, verbatim
 
 if TYPE_CHECKING:  # studies take as long to import as matplotlib
     from meshtrace.studies import DepthSweep, LinkPerformance
@@ -295,7 +295,7 @@ def error_rates(ax: Axes, data: xr.Dataset, limit: float) -> Axes:
         x_low, has_markers = x[is_below], has_markers or bool(is_below.any())
         ax.plot(x_low, np.full(len(x_low), least), "v", color=line.get_color(), ms=5, clip_on=False)
     if has_markers:
-        ax.plot([], [], "v", color=INK, ms=5, label="below 1e-9")
+        ax.plot([], [], "v", color=INK, ms=5, label=f"below {number(least)}")
     ax.axhline(limit, color=INK, lw=0.8, ls="--")
     return finished(ax, legend=has_markers, yscale="log", ylim=BER_SHOWN)
 

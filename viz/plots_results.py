@@ -21,7 +21,7 @@ from meshtrace.results.series import CoverageMap, GainSeries, as_high, place_of_
 
 from . import marks
 from .plots_curves import plot_curves
-from .style import INK, LED_COLOR, PALETTE, axis_label, verbatim
+from .style import INK, LED_COLOR, PALETTE, axis_label, number, verbatim
 
 if TYPE_CHECKING:
     from meshtrace.comms.pulses import Eye
@@ -73,7 +73,7 @@ def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
 def _gain_in_words(result: GainResult) -> str:
     """Return the gains of a result with their standard errors as text."""
     pairs = zip(np.ravel(result.gain), np.ravel(result.gain_stderr), strict=True)
-    words = [f"{gain:.3e} ± {error:.1e}" for gain, error in pairs]
+    words = [f"{number(gain, '.3e')} ± {number(error, '.1e')}" for gain, error in pairs]
     return "gain " + ", ".join(words[:3]) + (", ..." if len(words) > 3 else "")
 
 
@@ -101,7 +101,7 @@ def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
         raise Refused("result", Described("no fates"), 'a result of estimator="analog"')
     meanings, values = [FATE_MEANING[Fate[name.upper()]] for name in shares], list(shares.values())
     ax = marks.bars(ax, marks.dataset({"share": values}, fate=meanings), "share", across=True)
-    ax.bar_label(ax.containers[0], [f"{v:.2g}" for v in values], padding=3, fontsize=9)  # type: ignore[arg-type]
+    ax.bar_label(ax.containers[0], [number(v, ".2g") for v in values], padding=3, fontsize=9)  # type: ignore[arg-type]
     # room for the numbers beside the bars
     ax.set(xlabel="share of the emitted light", xlim=(0.0, 1.15 * max(values)))
     return ax
@@ -312,8 +312,8 @@ def plot_gain_cdf(
     )
     marks.band(ax, line, cdf.low, cdf.high)
     x = np.linspace(cdf.gain[0], cdf.gain[-1], 400)
-    for dashes, (name, fit) in zip(("-", "--"), laws.items(), strict=False):
-        ax.plot(x, fit.law.cdf(x), dashes, label=name)
+    for name, fit in laws.items():
+        ax.plot(x, fit.law.cdf(x), label=name)
     marks.note(ax, f"n = {len(cdf.gain)}, band: 95 %")
     return marks.finished(ax, "gain", "gain_cdf", yscale="log", ylim=(0.5 / len(cdf.gain), 1.3))
 
@@ -415,7 +415,8 @@ def plot_coverage(
     place, cells_as_high = place_of_highest(gain, stderr), as_high(gain, stderr).sum()
     if ax is None:
         ax = marks.axes(None)
-        ax.figure.set(figwidth=5.3)  # [inch] tuned: a square map and its colour bar
+        # [inch] tuned: a square map and its colour bar
+        ax.figure.set(figwidth=5.3, layout_engine="compressed")
     label, shown = axis_label("gain"), gain
     # smoothed by a cell: contours of a noisy map would be islands of single cells
     from scipy.ndimage import gaussian_filter  # here: maps alone need it
@@ -434,11 +435,15 @@ def plot_coverage(
             x, y, decibels.T, [-20.0, -10.0, -6.0, -3.0], colors="white", linewidths=1.0,
             linestyles="-",
         )  # fmt: skip
-        ax.clabel(lines, fmt=lambda v: f"{v:g} dB", fontsize=8)
+        ax.clabel(lines, fmt=lambda v: f"{number(v)} dB", fontsize=8)
     if place is not None:
         highest = x[place[0]], y[place[1]]
         ax.plot(*highest, "*", color=LED_COLOR, mec=INK, ms=11, clip_on=False)
-        marks.note(ax, f"star: highest gain, at x = {highest[0]:.3g} m, y = {highest[1]:.3g} m")
+        marks.note(
+            ax,
+            f"star: highest gain, at x = {number(highest[0], '.3g')} m, "
+            f"y = {number(highest[1], '.3g')} m",
+        )
     elif np.isfinite(stderr).all() and smooth.max() > 0.0:
         marks.note(ax, f"highest gain: {cells_as_high} cells are equal within errors")
     return ax
@@ -563,11 +568,11 @@ def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
             ax.add_patch(_cover(start + time, level - std, level + std, color))
         ax.plot([], [], color=color, label=name)
     ax.margins(y=0.12)
-    ax.legend(loc="upper left", ncols=2)
     marks.note(ax, "band: ± 1 standard deviation")
     ax.set_title(f"opening {eye.opening:.2f}, Q = {eye.q_factor:.2f}")
-    ax.set(xlabel="time [ns], two bits", ylabel="signal over its swing")
-    return marks.finished(ax, legend=False)
+    marks.finished(ax, xlabel="time [ns], two bits", ylabel="signal over its swing")
+    ax.legend(loc="upper left", ncols=2)
+    return ax
 
 
 def _cover(x: Floats, low: Floats, high: Floats, color: str) -> PathPatch:

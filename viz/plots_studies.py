@@ -20,7 +20,7 @@ from meshtrace.models import Floats
 from meshtrace.stored import Stored
 
 from . import marks, plots_curves, plots_results
-from .style import INK, PALETTE, label_of, verbatim
+from .style import INK, PALETTE, label_of, number, printed_units, verbatim
 
 
 def plot_comparison(result: studies.Comparison, *, ax: Axes | None = None) -> Axes:
@@ -44,9 +44,11 @@ def plot_comparison(result: studies.Comparison, *, ax: Axes | None = None) -> Ax
         ax.figure.set(figheight=1.2 + 0.45 * len(result.names))
     marks.bars(ax, data, "gain_ratio_db", across=True)
     ratios, errors = (data[f"gain_ratio_db{end}"].to_numpy() for end in ("", "_stderr"))
-    words = [f"{r:+.3g} ± {e:.1g} dB" for r, e in zip(ratios, errors, strict=True)]
+    words = [
+        f"{number(r, '+.3g')} ± {number(e, '.1g')} dB" for r, e in zip(ratios, errors, strict=True)
+    ]
     # the first link is what the others are compared with
-    words[0] = f"gain {np.ravel(result.gain)[0]:.3g}"
+    words[0] = f"gain {number(np.ravel(result.gain)[0], '.3g')}"
     for row, (ratio, text) in enumerate(zip(ratios, words, strict=True)):
         if not np.isfinite(ratio):  # a dark link has no bar to stand beside
             ratio, text = 0.0, "no light"
@@ -202,13 +204,17 @@ def plot_tornado(
         Bars in dB, in m for the range, the largest on top, with whiskers of two standard errors.
     """
     bars = studies.swings(s, change)
-    names = [f"{bar.name}\n{bar.values[0]:.4g} to {bar.values[1]:.4g} {bar.unit}" for bar in bars]
+    names = [
+        f"{bar.name}\n{bar.values[0]:.4g} to {bar.values[1]:.4g} {printed_units(bar.unit)}"
+        for bar in bars
+    ]
     values = {"change": [b.change for b in bars], "change_stderr": [b.stderr for b in bars]}
-    names = [name.removesuffix(" 1") for name in names]  # of a dimensionless parameter
+    # of a dimensionless parameter, and of an angle
+    names = [name.removesuffix(" 1").replace(" °", "°") for name in names]
     data = marks.dataset(values, name=names, side=["lower", "higher"])
     # `bars` takes the groups first
     ax = marks.bars(ax, data.transpose(), "change", across=True, beside=False)
-    ax.tick_params(axis="y", labelsize=8)
+    ax.set_yticks(range(len(names)), names, fontsize=8)
     ax.axvline(0.0, color=INK, lw=0.8)
     form = ".2e" if s.of == "gain" else ".3g"
     base = f"{s.value:{form}} {s.unit}".removesuffix(" 1")
@@ -244,8 +250,11 @@ def plot_pixels(signals: studies.PixelSignals, *, ax: Axes | None = None) -> Axe
         image = ax.pcolormesh(edge + k * shift, edge, seen, norm=scale, rasterized=True)
         ax.add_patch(Circle((k * shift, 0.0), half, fill=False, edgecolor=INK, lw=0.8))
         ax.text(k * shift, 1.06 * half, name, ha="center", va="bottom", color=INK)
-        for sign, mark in ((-1.0, "-" + rim), (0.0, "0°"), (1.0, rim)):
+        for sign, mark in ((-1.0, "\N{MINUS SIGN}" + rim), (0.0, "0°"), (1.0, rim)):
             ax.text(k * shift + sign * half, -1.06 * half, mark, ha="center", va="top", color=INK)
+        ax.text(
+            k * shift, -1.22 * half, "angle of arrival", ha="center", va="top", color=INK, size=9
+        )
         i, j = signals.best_pixel
         corner = float(edge[i]) + k * shift, float(edge[j])
         frame = Rectangle(corner, side, side, fill=False, edgecolor=PALETTE["vermilion"], lw=1.6)
@@ -253,7 +262,7 @@ def plot_pixels(signals: studies.PixelSignals, *, ax: Axes | None = None) -> Axe
     frame.set_label("best pixel")
     ax.legend(handles=[frame], loc="upper left", frameon=False, bbox_to_anchor=(0.0, 1.0))
     ax.figure.colorbar(image, ax=ax, label="counts [s$^{-1}$]", shrink=0.7, aspect=16)
-    ax.set(aspect="equal", ylim=(-1.3 * half, 1.5 * half), xlim=(-1.1 * half, shift + 1.1 * half))
+    ax.set(aspect="equal", ylim=(-1.45 * half, 1.5 * half), xlim=(-1.1 * half, shift + 1.1 * half))
     ax.axis("off")
     return ax
 

@@ -25,6 +25,27 @@ PALETTE = {
 }
 """Okabe and Ito's colours, distinguishable with every kind of colour vision."""
 
+STROKES: Any = dict(
+    zip(
+        PALETTE.values(),
+        [
+            ("-", "o", ""),
+            ("--", "s", "///"),
+            ("-.", "^", "..."),
+            (":", "D", "xxx"),
+            ((0, (6, 1.5, 1, 1.5, 1, 1.5)), "v", "+++"),
+            ((0, (10, 3)), "P", "---"),
+            ("-", "o", ""),
+        ],
+        strict=True,
+    )
+)
+"""Dashes, marker and hatch of a curve or bars of each colour, for print in grey.
+
+Vermilion and green have a lightness L* of 54 and 58, sky and orange of 69 and 70. Black is solid as
+blue is, from which it is 46 apart.
+"""
+
 FATE_COLORS = {
     "received": "#FFB02E",
     "landed elsewhere": "#8FDCFF",
@@ -59,7 +80,7 @@ SLIDE = (1600, 1000)
 RC: Any = {
     "axes.axisbelow": True,
     "axes.edgecolor": INK,
-    "axes.formatter.limits": (-4, 4),
+    "axes.formatter.limits": (-3, 4),
     "axes.formatter.use_mathtext": True,
     "axes.grid": True,
     "axes.labelcolor": INK,
@@ -107,10 +128,13 @@ def axis_label(name: str) -> str:
     require_word(name, FIELDS, "name")
     field = FIELDS[name]
     label = f"{field.long_name} ${field.symbol}$"
-    # powers of units in TeX: m-1 has a raised -1
-    raised = re.sub(r"(?<=[A-Za-z])(-?\d+)", r"$^{\1}$", field.units)
-    units = "°" if field.units == "degree" else raised
-    return label if units == "1" else f"{label} [{units}]"
+    return label if field.units == "1" else f"{label} [{printed_units(field.units)}]"
+
+
+def printed_units(units: str) -> str:
+    """Return units as print has them: with raised powers in TeX, and ° for degrees."""
+    raised = re.sub(r"(?<=[A-Za-z])(-?\d+)", r"$^{\1}$", units)
+    return "°" if units in ("degree", "deg") else raised
 
 
 def label_of(name: str) -> str:
@@ -123,6 +147,21 @@ def label_of(name: str) -> str:
         return axis_label(last)
     unit = next((unit for end, unit in (("_deg", "°"), ("_nm", "nm")) if last.endswith(end)), "")
     return f"{verbatim(name)} [{unit}]" if unit else verbatim(name)
+
+
+def number(value: float, form: str = "g") -> str:
+    r"""Return a number as print has it: with a minus sign, and powers of ten in TeX.
+
+    Examples
+    --------
+    >>> number(-3.0), number(2.7e-6, ".2g"), number(1e-9)
+    ('−3', '2.7×10$^{-6}$', '10$^{-9}$')
+    """
+    digits, _, power = f"{value:{form}}".partition("e")
+    digits = digits.replace("-", "\N{MINUS SIGN}")
+    if not power:
+        return digits
+    return (f"{digits}×" if digits != "1" else "") + f"10$^{{{int(power)}}}$"
 
 
 def verbatim(text: object) -> str:

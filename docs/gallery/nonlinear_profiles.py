@@ -15,7 +15,6 @@ from meshtrace import viz
 from meshtrace.surfaces import JonswapSea, MeasuredSea
 
 KINDS = {"linear": {}, "choppy": {"choppy": True}, "second order": {"order": 2}}
-STYLES = {"linear": "--", "choppy": "-", "second order": "-"}
 
 
 def draw(ax: plt.Axes, sea: JonswapSea | MeasuredSea, middle: tuple[float, float], half: float):
@@ -23,10 +22,10 @@ def draw(ax: plt.Axes, sea: JonswapSea | MeasuredSea, middle: tuple[float, float
     x = np.linspace(-half, half, 1201)
     for name, changes in KINDS.items():
         z = sea.model_copy(update=changes).elevation(middle[0] + x, middle[1])
-        ax.plot(x, z, STYLES[name], label=name, linewidth=1.6 if name != "linear" else 1.2)
+        ax.plot(x, z, label=name)
         print(f"{name:12} {half:4g} m to both sides: {z.min():6.3f} to {z.max():5.3f} m")
     ax.set_xlim(-half, half)
-    ax.set_ylabel("elevation [m]")
+    viz.marks.finished(ax, ylabel="elevation [m]", legend=False)
 
 
 viz.use_style()

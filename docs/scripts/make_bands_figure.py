@@ -72,7 +72,7 @@ def main(folder: Path) -> None:
     ax.minorticks_off()
     ax.set_xlabel(r"highest frequency of the sea $\omega_\mathrm{max}$ [rad s$^{-1}$]")
     ax.set_ylabel("scintillation index of unscattered light")
-    ax.legend(loc="lower right", fontsize="small")
+    viz.marks.finished(ax)
     figure.savefig(folder / "fading_bands.png")
     plt.close(figure)
 

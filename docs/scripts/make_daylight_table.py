@@ -129,7 +129,8 @@ def draw(fades, lights):
         axis.axhspan(DEPTHS[-1], 1.1 * DEPTHS[-1], **beyond)
         axis.set(title=f"field of view {fov:g}°", xlabel="filter width [nm]")
         axis.xaxis.set_major_formatter("{x:g}")
-    axes[0].set(ylabel="range at 1 Mbit/s and a BER of 1e-3 [m]", ylim=(0.0, 1.1 * DEPTHS[-1]))
+        viz.marks.finished(axis, legend=False)
+    axes[0].set(ylabel="range at 1 Mbit/s and a BER of 10$^{-3}$ [m]", ylim=(0.0, 1.1 * DEPTHS[-1]))
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
     viz.save_picture(figure, STATIC / "daylight_ranges.png")
 

@@ -21,6 +21,7 @@ from places import DOCS, STATIC
 import meshtrace as mt
 from meshtrace.apps import Design, design
 from meshtrace.viz import use_style
+from meshtrace.viz.style import number
 
 MOUNTS = ("fixed mount", "gimbal")
 LIGHTS = ("night", "day")
@@ -48,8 +49,9 @@ def main() -> None:
                     "lw": 2.5, "shrinkA": 0, "shrinkB": 0})  # fmt: skip
         ax.plot(given, y, "o", color="black", ms=6)
         verdict = "closes" if best >= 0.0 else "short"
-        ax.text(best + 1.0, y, f"{best:+.1f} dB: {verdict}", va="center", fontsize=9, color=color)
-        ax.text(given - 1.0, y, f"{given:+.1f}", va="center", ha="right", fontsize=9)
+        text = f"{number(best, '+.1f')} dB: {verdict}"
+        ax.text(best + 1.0, y, text, va="center", fontsize=9, color=color)
+        ax.text(given - 1.0, y, number(given, "+.1f"), va="center", ha="right", fontsize=9)
     ax.axvline(0.0, color="black", lw=1.0)
     ax.set_yticks(np.arange(len(rows))[::-1], [f"{mount}, {light}" for mount, light, _ in rows])
     ax.set(xlim=(-42.0, 44.0), ylim=(-0.6, len(rows) - 0.4))

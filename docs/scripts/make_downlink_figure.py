@@ -42,7 +42,7 @@ def main(folder: Path) -> None:
     left.plot(ends, ends, color="0.5", lw=1.0, label="down = n² up")
     left.set(xlabel="n² times the gain up", ylabel="gain down", xlim=ends, ylim=ends)
     left.set_title(f"{SEAS} seas, correlation {both.correlation:.3f}")
-    left.legend()
+    viz.marks.finished(left)
 
     for name, links in (
         ("up", [at_height(h) for h in HEIGHTS]),
@@ -54,7 +54,7 @@ def main(folder: Path) -> None:
     right.set(xscale="log", xlabel="height [m]", ylabel="scintillation index")
     right.set_xticks([2, 5, 10, 20, 50, 100], ["2", "5", "10", "20", "50", "100"])
     right.set_title("closed form, unscattered light")
-    right.legend()
+    viz.marks.finished(right)
     figure.savefig(folder / "downlink.png", dpi=130)
 
 

@@ -93,7 +93,7 @@ def panels(figure: Figure, gain: NDArray[np.float64]) -> None:
         ("lognormal", fading.fit_lognormal),
         ("gamma-gamma", fading.fit_gamma_gamma),
     ):
-        left.plot(x, fit(relative).law.cdf(x), "--", lw=1.2, label=name)
+        left.plot(x, fit(relative).law.cdf(x), lw=1.2, label=name)
     left.set(xscale="log", yscale="log", xlabel="gain over its mean", ylim=(0.5 / len(gain), 1.2))
     left.set_xticks([0.2, 0.5, 1, 2, 5], ["0.2", "0.5", "1", "2", "5"])
     left.minorticks_off()
@@ -113,8 +113,8 @@ def panels(figure: Figure, gain: NDArray[np.float64]) -> None:
     right.set(yscale="log", ylim=(1e-4, 1.2), xlim=(-1.0, 10.0), xlabel="mean optical margin [dB]")
     right.set_ylabel("outage of a code of rate 0.8")
     right.legend(title="fades of\na code word", loc="upper right", fontsize="small")
-    left.legend(loc="lower right", fontsize="small")
-    middle.legend(loc="lower left", fontsize="small")
+    for ax in (left, middle):
+        viz.marks.finished(ax)
 
 
 def margin_without_fading() -> float:

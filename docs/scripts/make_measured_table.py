@@ -91,11 +91,12 @@ def draw_forest(table, whole: bool) -> None:
     for name, i in zip(names, first, strict=True):
         if whole:
             ax.axhline(y[i] + 0.5, color="#bbbbbb", lw=0.5)
-            ax.text(1.01, y[i], name, transform=ax.get_yaxis_transform(), va="center", fontsize=7)
+            beside = ax.get_yaxis_transform()
+            ax.text(1.01, y[i], name.title(), transform=beside, va="center", fontsize=7)
     known = measured.experiments()
     words = data.observable.to_numpy() if whole else [known[name].title for name in names]
-    ax.set_yticks(y if whole else np.unique(y)[::-1],
-                  [str(word).replace("K_d", "$K_d$") for word in words], fontsize=7)  # fmt: skip
+    printed = [str(word).replace("K_d", "$K_d$").replace(" deg", "°") for word in words]
+    ax.set_yticks(y if whole else np.unique(y)[::-1], printed, fontsize=7)
     ax.axvline(1.0, color="black", lw=0.8)
     ax.set(xscale="log", xlim=(edge, 8.0 if whole else 3.0), ylim=(y.min() - 0.6, 0.6))
     ticks = [tick for tick in TICKS if whole or 0.3 < tick < 3.0]
@@ -126,7 +127,8 @@ def draw(experiment, table) -> None:
         span = float(np.ptp(data.abscissa.to_numpy()))
         draw_series(ax, data.isel(row=series == name), span, i, len(chosen), label)
     ax.set(xlabel=experiment.abscissa, ylabel=experiment.ordinate, ylim=(0.0, None))
-    ax.legend(frameon=False, fontsize=8)
+    # few points leave no corner that is free in every picture
+    figure.legend(loc="outside upper left", ncols=2, fontsize=7.5)
     name = experiment.name.replace("-", "_")
     figure.savefig(STATIC / f"measured_{name}.png", dpi=200, bbox_inches="tight")
     plt.close(figure)
@@ -143,7 +145,7 @@ def draw_series(ax, rows, span, i, series, label) -> None:
     else:  # no line through few points
         aside = 0.02 * span * (2 * i - series + 1)
         ax.bar(x + aside, sum(away), bottom=rows.band_low, width=0.02 * span,
-               color=color, alpha=0.3)  # fmt: skip
+               color=color, alpha=0.3, hatch="////" * i)  # fmt: skip
         ax.plot(x + aside, rows.computed, "_", ms=9, mew=2, color=color, label=name)
         x = x + 2.0 * aside
     low, high = rows.observed_low.to_numpy(), rows.observed_high.to_numpy()

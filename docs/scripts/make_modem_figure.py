@@ -22,16 +22,16 @@ def main() -> None:
     margin, alone, formula, spread, bound = rows.astype(float).T
     viz.use_style()
     axes = viz.marks.axes(None)
-    for found, ideal, name, marker in (
-        (alone, formula, "no interleaver", "o"),
-        (spread, bound, "interleaver of 1 s", "s"),
+    for found, ideal, name, look in (
+        (alone, formula, "no interleaver", "o:"),
+        (spread, bound, "interleaver of 1 s", "s--"),
     ):
         error = np.sqrt(np.maximum(found * (1.0 - found), 0.01) / PACKETS)
         seen = np.maximum(found, 1.0 / PACKETS)
         bars = axes.errorbar(
-            margin, seen, error, fmt=marker, ms=5, capsize=2, label=f"code, {name}"
+            margin, seen, error, fmt=look[0], ms=5, capsize=2, label=f"code, {name}"
         )
-        axes.plot(margin, ideal, "--", color=bars[0].get_color(), label=f"ideal code, {name}")
+        axes.plot(margin, ideal, look[1:], color=bars[0].get_color(), label=f"ideal code, {name}")
     axes.set(yscale="log", ylim=(3e-3, 1.5), xlabel="mean optical margin [dB]")
     axes.set_ylabel("packet error rate, outage")
     axes.legend()

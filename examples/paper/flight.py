@@ -124,9 +124,9 @@ def wind(setting: Setting, duration: float) -> FigureOutput:
         for i in range(2):
             axes[i, 0].plot(times, records[form][:, i], lw=1.0, label=FORM_NAMES[form])
     for i, name in enumerate("xy"):
-        axes[i, 0].axhline(mean[i], color=viz.style.INK, lw=0.8, ls="--")
-        axes[i, 0].set(ylabel=f"wind $V_{name}$ [m s$^{{-1}}$]")
-    axes[0, 0].legend(ncols=2)
+        axes[i, 0].axhline(mean[i], color=viz.style.INK, lw=0.8, ls=":", label="mean")
+        viz.marks.finished(axes[i, 0], ylabel=f"wind $V_{name}$ [m s$^{{-1}}$]", legend=False)
+    axes[0, 0].legend(ncols=3)
     axes[1, 0].set(xlabel="time $t$ [s]", xlim=(0.0, min(duration, 120.0)))
     numbers = []
     for i, axis in enumerate("xy"):

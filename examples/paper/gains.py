@@ -108,7 +108,8 @@ def _maps(
             made[form, wind, value] = found
             image = _draw(axes[i, j], found)
             text = f"{title.format(value)}\n" if i == 0 else ""
-            axes[i, j].set_title(f"{text}0 dB: {_centre(found):.1f} dB", fontsize=9.5)
+            centre = viz.style.number(_centre(found), ".1f")
+            axes[i, j].set_title(f"{text}0 dB: gain of {centre} dB", fontsize=9.5)
         axes[i, 0].set_ylabel(f"{FORM_NAMES[form]}, {wind_name(wind)}\n$y$ [m]")
     for ax in axes[-1]:
         ax.set_xlabel("$x$ [m]")
@@ -144,7 +145,7 @@ def _draw(ax: Any, found: mt.CoverageMap) -> Any:
     smooth = gaussian_filter(level, _SMOOTH / (found.x[1] - found.x[0]), mode="nearest")
     look: Any = {"colors": "white", "linewidths": 0.9, "linestyles": "-"}
     lines = ax.contour(found.x, found.y, smooth.T, [-10.0, -6.0, -3.0], **look)
-    ax.clabel(lines, fmt=lambda v: f"{v:g}", fontsize=8)
+    ax.clabel(lines, fmt=viz.style.number, fontsize=8)
     return image
 
 
@@ -418,9 +419,12 @@ def ber_depth(
             shown = data.sel(bit_rate=rate).transpose("wind_speed", "depth")
             ax = viz.plot_ber(shown, ax=axes[i, j])
             key, wind = _PRINTED[rate]
-            ax.plot(PRINTED[key].value, LIMIT, "*", color=WIND_COLORS[wind], ms=13, zorder=5)
+            look: Any = {"color": WIND_COLORS[wind], "ms": 13, "zorder": 5, "label": "published"}
+            ax.plot(PRINTED[key].value, LIMIT, "*", **look)
             ax.set_xlim(depths[0], depths[-1])
-            ax.set_title(f"{name}, {rate / 1e6:g} Mbit/s")
+            viz.marks.finished(ax, title=f"{name}, {rate / 1e6:g} Mbit/s")
+            if (legend := ax.get_legend()) and i + j:  # the first is that of all
+                legend.remove()
     ranges = [sweep.range_at_ber() for sweep in sweeps.values()]
     parts = [sweep.to_dataset() for sweep in sweeps.values()]
     presets = xr.Variable("preset", list(PRESETS))

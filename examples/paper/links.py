@@ -55,8 +55,8 @@ def wind_lines(ax: Any, data: xr.Dataset, quantity: str, style: str = "-") -> An
     shown, colors = named.transpose("wind_speed", ...), [WIND_COLORS[u] for u in winds]
     styles = [style.replace("-", "--") if u == 0.0 else style for u in winds]
     ax = viz.marks.lines(ax, shown, quantity, styles, colors)
-    for line in ax.get_lines()[: len(winds)]:
-        line.set_zorder(3.0 if line.get_linestyle() == "--" else 2.0)
+    for wind, line in zip(winds, ax.get_lines(), strict=False):
+        line.set_zorder(2.0 if wind else 3.0)
     return ax
 
 

@@ -51,16 +51,14 @@ def ff_cdf(setting: Setting) -> FigureOutput:
     shown = np.array(list(curves.values()))[:, 1:]
     coords = {"form": list(curves), "theta": theta[1:]}
     viz.plot_phase_cdf(xr.Dataset({"phase_cdf": (("form", "theta"), shown)}, coords), ax=left)
-    for line, (width, dashes) in zip(left.lines, ((5.0, "-"), (1.7, "-"), (1.7, ":")), strict=True):
-        line.set(linewidth=width, linestyle=dashes)
-    left.lines[0].set_alpha(0.35)
+    left.lines[0].set(linewidth=5.0, alpha=0.35)
     left.legend()
     reference, *closed = curves
     differences = [curves[name] - curves[reference] for name in closed]
     for name, difference, line in zip(closed, differences, left.lines[1:], strict=True):
         right.plot(np.degrees(theta), difference, color=line.get_color(), label=name)
-    right.set(xlabel=r"scattering angle $\theta$ [°]", ylabel="difference from the quadrature")
-    right.legend()
+    ends = {"xlabel": left.get_xlabel(), "ylabel": "difference from the quadrature"}
+    viz.marks.finished(right, **ends)
     names = ("RMSE of the CDF", "MAE of the CDF", "Kolmogorov-Smirnov distance")
     sizes = [np.abs(difference) for difference in differences]
     distances = [(np.sqrt(np.mean(e**2)), np.mean(e), e.max()) for e in sizes]
@@ -155,7 +153,9 @@ def bubble_density(setting: Setting) -> FigureOutput:
 def bubble_scattering(setting: Setting) -> FigureOutput:
     """Draw the scattering coefficient of the Hall-Novarini population."""
     output = _bubbles("b_bub", mt.HallNovarini.b)
-    output.picture.axes[0].axvline(mt.Water().b, color=viz.style.INK, ls=":", lw=1.0)
+    (ax,) = output.picture.axes
+    ax.axvline(mt.Water().b, color=viz.style.INK, ls=":", lw=1.0, label="water alone")
+    ax.legend()
     return output
 
 
@@ -167,7 +167,7 @@ def _bubbles(name: str, quantity: Callable[..., Floats]) -> FigureOutput:
     values = np.array([[quantity(one, depth) for one in pair] for pair in bubbles])
     data = viz.marks.dataset({name: values}, **coords)
     curves = data.stack(curve=("form", "wind_speed")).transpose("curve", "depth")
-    names = [f"{wind_name(u)}, {form}" for form in forms for u in ROUGH]
+    names = [*map(wind_name, ROUGH), "paper", ""]
     picture, axes = panels()
     shown = curves.drop_vars(("curve", "form", "wind_speed")).assign_coords(curve=names)
     ax = viz.plot_bubble_profile(shown, quantity=name, ax=axes[0, 0])
@@ -176,6 +176,8 @@ def _bubbles(name: str, quantity: Callable[..., Floats]) -> FigureOutput:
         wide = i >= len(ROUGH)
         line.set(linewidth=5.0 if wide else 1.5, alpha=0.35 if wide else 1.0)
         line.set(color=WIND_COLORS[ROUGH[i % 2]], zorder=1.5 if wide else 2.0)
+        if wide:
+            line.set_linestyle("-")
     ax.legend()
     numbers = []
     for z, wind in itertools.product((0.0, 1.0), ROUGH):

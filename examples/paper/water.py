@@ -402,7 +402,7 @@ def stations(setting: Setting) -> FigureOutput:
     """Draw the stations on a map without coast lines."""
     given = [p for p in profiles_of(setting) if np.isfinite([p.longitude, p.latitude]).all()]
     lon, lat = np.array(STATIONS).T
-    picture, axes = panels(width=6.0)
+    picture, axes = panels(width=5.0, height=4.6)
     ax = axes[0, 0]
     ax.plot(lon, lat, "*", color=viz.style.PALETTE["orange"], markersize=14, label="printed")
     for i, (x, y) in enumerate(STATIONS, start=1):
@@ -413,7 +413,7 @@ def stations(setting: Setting) -> FigureOutput:
         ax.legend()
     ax.set(xlabel="longitude [° E]", ylabel="latitude [° N]")
     ax.set_aspect(1.0 / np.cos(np.radians(lat.mean())))
-    ax.margins(0.25)
+    ax.margins(0.35)
     numbers = [
         row("distance", (None, _distance(STATIONS[i], STATIONS[j])), i=i + 1, j=j + 1)
         for i, j in itertools.combinations(range(len(STATIONS)), 2)
@@ -443,12 +443,13 @@ def temperature_salinity(setting: Setting) -> FigureOutput:
         ax.set(xlabel=label, ylim=(data["depth"][-1], 0.0))
     for ax in axes[:, 0]:
         ax.set_ylabel(viz.axis_label("depth"))
-    axes[0, 0].legend()
     axes[1, 0].ticklabel_format(axis="x", useOffset=False)
     axes[1, 0].locator_params(axis="x", nbins=4)
     axes[1, 1].plot(np.degrees(ZENITHS), 1e3 * data["offset"].T)
     ends = {"xlabel": "angle of the ray at the source [°]", "ylabel": "offset at the surface [mm]"}
     axes[1, 1].set(**ends)
+    for ax in axes.flat:
+        viz.marks.finished(ax, legend=ax is axes[0, 0])
     rows = zip(profiles, data["start_depth"].values, data["offset"].values, strict=True)
     numbers = [entry for row_of in rows for entry in _numbers(*row_of)]
     source = "Profiles of the given files." if setting.profiles else STAND_INS

@@ -137,8 +137,9 @@ def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
     ax = marks.axes(ax)
     merit, label = _MERITS[o.objective]
     ax.plot(o.history[:, 0], merit(o.history[:, -1]), "o", ms=4, label="candidates")
-    ax.plot(o.values[0], merit(np.array(o.cost)), "*", ms=12, color="C1", label="best")
-    ax.axvspan(*o.flatness[0], color="C1", alpha=0.15, label="within one standard error")
+    shade = PALETTE["vermilion"]
+    ax.plot(o.values[0], merit(np.array(o.cost)), "*", ms=12, color=shade, label="best")
+    ax.axvspan(*o.flatness[0], color=shade, alpha=0.15, label="within one standard error")
     return marks.finished(ax, xlabel=label_of(o.variables[0]), ylabel=label)
 
 
@@ -172,12 +173,12 @@ def plot_design(d: Design, *, light: Period = "day", ax: Axes | None = None) -> 
         ax.plot(values / choice.given, flat, lw=4.0, color=line.get_color(), alpha=0.5)
     ax.axhline(0.0, color=INK, lw=0.8)
     ax.plot(1.0, d.at(light).reserve, "o", color=INK)
+    marks.finished(
+        ax, xscale="log", xlabel="value over that of the link", ylabel=f"reserve by {light} [dB]"
+    )
     # up to seven curves have no free corner inside the axes
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    return marks.finished(
-        ax, legend=False, xscale="log", xlabel="value over that of the link",
-        ylabel=f"reserve by {light} [dB]",
-    )  # fmt: skip
+    return ax
 
 
 @check_call

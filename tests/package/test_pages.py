@@ -22,6 +22,19 @@ LOWEST = """return Math.max(...[...document.querySelectorAll("h1, h1 + p, .butto
     .map(e => e.getBoundingClientRect().bottom))"""
 """Lower edge of headline, first sentence and buttons of the landing page."""
 
+TITLES = """return [...document.querySelectorAll(".sphx-glr-thumbcontainer")].map(e => {
+    const words = document.createRange();
+    words.selectNodeContents(e.querySelector(".sphx-glr-thumbnail-title"));
+    return words.getBoundingClientRect().left - e.getBoundingClientRect().left })"""
+"""Indents of the words below the thumbnails of the gallery [pixel]."""
+PAGES = (
+    "index.html",
+    "examples/index.html",
+    "guides/design.html",
+    "api/generated/meshtrace.simulate.html",
+)
+"""One page of each form."""
+
 pytestmark = [
     pytest.mark.browser,
     pytest.mark.slow,
@@ -40,13 +53,20 @@ def browser():
         yield driver
 
 
+def see(browser, width, scheme="light"):
+    """Show a page on a screen of a width, in a light or dark scheme."""
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    wanted = [{"name": "prefers-color-scheme", "value": scheme}]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": wanted})
+
+
 @pytest.mark.parametrize("page", pages(), ids=lambda page: str(page.relative_to(HTML)))
 def test_a_page_opens_without_errors_and_fits(browser, page):
     browser.get_log("browser")  # that of a page before, if its width was wrong
     browser.get(page.as_uri())
     for width in WIDTHS:
-        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
-        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        see(browser, width)
         found = browser.execute_script("return document.documentElement.scrollWidth")
         assert found <= width, f"{found} px wide at {width} px"
         assert not browser.execute_script(TALL), f"cut off below at {width} px"
@@ -78,9 +98,20 @@ def test_guides_come_before_single_names(browser):
     assert "api/" not in links[0]
 
 
-@pytest.mark.parametrize("page", ["index.html", "examples/index.html", "guides/design.html"])
-def test_a_page_is_accessible(browser, page):
+def test_the_titles_of_the_gallery_begin_at_one_edge(browser):
+    browser.get((HTML / "examples" / "index.html").as_uri())
+    for width in WIDTHS:
+        see(browser, width)
+        places = browser.execute_script(TITLES)
+        assert len(places) > 10
+        assert max(places) - min(places) < 1.0, f"titles are indented unevenly at {width} px"
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1440, "dark")])
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_is_accessible(browser, page, width, scheme):
     axe = pytest.importorskip("axe_core_python.selenium").Axe()
+    see(browser, width, scheme)
     browser.get((HTML / page).as_uri())
     found = axe.run(browser)["violations"]
     assert not [(v["id"], v["nodes"][0]["html"]) for v in found]

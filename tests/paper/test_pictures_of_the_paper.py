@@ -1,13 +1,17 @@
 """Figures of the paper show what their legends name, in one scale."""
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 import xarray as xr
+from looks import faults
 from matplotlib.colors import to_rgb
 
 import meshtrace as mt
+from meshtrace import viz
 from paper import Setting, gains, optics
 from paper.links import WIND_COLORS, form_panels, wind_lines
+from paper.registry import load
 
 
 def test_maps_share_one_colour_bar_and_scale(monkeypatch):
@@ -23,6 +27,7 @@ def test_maps_share_one_colour_bar_and_scale(monkeypatch):
     assert (len(maps), len(made.picture.axes)) == (12, 13)
     assert {ax.collections[0].get_clim() for ax in maps} == {(-gains.DEPTH, 0.0)}
     assert sum("depth 15 m" in ax.get_title() for ax in maps) == 1
+    assert not faults(made.picture)
 
 
 def test_light_lost_by_tilts_is_named_and_makes_no_spike():
@@ -61,3 +66,11 @@ def test_published_bubbles_are_seen_beside_ours():
     for line, wide, wind in zip(ours, published, gains.ROUGH, strict=True):
         assert wide.get_linewidth() > 3.0 * line.get_linewidth()
         assert to_rgb(wide.get_color()) == to_rgb(line.get_color()) == to_rgb(WIND_COLORS[wind])
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["bubble-scattering", "ff-cdf", "stations", "wind", "h-alpha"])
+def test_a_figure_has_no_fault_that_its_artists_show(name):
+    figure = load(name)
+    with mpl.rc_context(viz.style.RC):
+        assert not faults(figure.make(Setting(), **figure.effort(True)).picture)

@@ -8,6 +8,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
+from looks import faults
 from PIL import Image
 
 GALLERY = Path(__file__).parents[2] / "docs" / "gallery"
@@ -27,7 +28,10 @@ def made(tmp_path_factory):
             patch.setattr("sys.argv", [str(script)])
             text = re.sub(r"^FRAMES = \d+", "FRAMES = 5", script.read_text("utf-8"), flags=re.M)
             exec(compile(text, script, "exec"), {"__name__": "__main__", "__file__": str(script)})
+            figures = map(mpl.pyplot.figure, mpl.pyplot.get_fignums())
+            found = {name: faults(figure) for name, figure in enumerate(figures)}
             mpl.pyplot.close("all")
+            assert not any(found.values()), found
         return sorted(folder.iterdir())
 
     return run

@@ -22,6 +22,7 @@ from meshtrace.results import GainResult, ImpulseResponse
 from meshtrace.results.gain import FateTally
 from meshtrace.studies import Comparison, ConvergenceStudy
 from meshtrace.surfaces import JonswapSea
+from meshtrace.viz import style
 
 
 def line(ax, i=0):
@@ -199,8 +200,8 @@ def test_the_best_place_of_a_map_is_marked_where_it_is_resolved():
     gain = 1e-5 * np.exp(-((x[:, None] - 0.8) ** 2) - (y + 0.4) ** 2)
     ax = viz.plot_coverage(mt.CoverageMap(x, y, gain, 1e-3 * gain), decibel=True)
     np.testing.assert_allclose(line(ax), ([0.8], [-0.4]), atol=1e-12)
-    assert ax.texts[-1].get_text() == "star: highest gain, at x = 0.8 m, y = -0.4 m"
-    assert {"-3 dB", "-6 dB"} <= {text.get_text() for text in ax.texts}
+    assert ax.texts[-1].get_text() == "star: highest gain, at x = 0.8 m, y = −0.4 m"
+    assert {"−3 dB", "−6 dB"} <= {text.get_text() for text in ax.texts}
     low, high = ax.collections[0].get_clim()
     assert high - low <= 20.0  # the noise of dark cells takes no colours
     gain[2, 9] = 1.2e-5  # one bright cell, as of a single photon, is no place to hover
@@ -330,7 +331,7 @@ def test_orders_of_scattering():
     # all dots are in the frame, and those left out are below it
     assert ax.get_ylim()[0] < heights.min()
     assert (found.gain_order[0][n:] <= 2e-6 * heights.max()).all()
-    assert ax.get_title("left").startswith(f"gain {found.gain:.3e} ± ")
+    assert ax.get_title("left").startswith(f"gain {style.number(found.gain, '.3e')} ± ")
 
 
 def test_comparison():
@@ -340,7 +341,9 @@ def test_comparison():
     assert [bar.get_width() for bar in ax.patches] == pytest.approx(found.ratio_db.tolist())
     assert [text.get_text() for text in ax.get_yticklabels()] == ["a", "b"]
     ratio, error = found.ratio_db[1], found.ratio_db_stderr[1]
-    assert f"{ratio:+.3g} ± {error:.1g} dB" in [text.get_text() for text in ax.texts]
+    assert f"{style.number(ratio, '+.3g')} ± {error:.1g} dB" in [
+        text.get_text() for text in ax.texts
+    ]
 
 
 def test_a_dark_link_of_a_comparison_is_named():
@@ -431,7 +434,7 @@ def test_ber_over_power_and_depth():
     assert ax.get_legend() is None  # a part of the line is shown
     ax = viz.plot_ber(one("ber", "depth", [5.0, 15.0], [1e-20, 0.0]))
     np.testing.assert_array_equal(line(ax, 1), ([5.0, 15.0], [1e-9, 1e-9]))
-    assert legend(ax) == ["below 1e-9"]
+    assert legend(ax) == ["below 10$^{-9}$"]
     limits = {"ber_low": ("depth", [0.0, 3e-3]), "ber_high": ("depth", [1e-4, 4e-2])}
     ax = viz.plot_ber(one("ber", "depth", [5.0, 10.0], [1e-5, 1e-2]).assign(limits))
     band = ax.collections[0].get_paths()[0].vertices[:, 1]
@@ -445,7 +448,7 @@ def test_performance_over_depth():
         mt.Link(), sea, depths=[24.0, 30.0], bit_rate=[5e6, 1e7], realizations=8, photons=64
     )
     ax = viz.plot_performance(performance)
-    assert legend(ax) == ["5 Mbit/s", "10 Mbit/s", "below 1e-9"]
+    assert legend(ax) == ["5 Mbit/s", "10 Mbit/s", "below 10$^{-9}$"]
     value, low, high = performance.estimates("ber")[:, 1].T
     np.testing.assert_array_equal(line(ax, 1), ([24.0, 30.0], value))
     band = ax.collections[1].get_paths()[0].vertices[:, 1]

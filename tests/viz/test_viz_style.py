@@ -5,18 +5,11 @@ import sys
 import matplotlib as mpl
 import numpy as np
 import pytest
+from looks import faults, lightness
 
 from meshtrace import viz
 from meshtrace.viz import style
 from meshtrace.viz.style import PALETTE
-
-
-def lightness(rgb):
-    """CIE L* of sRGB colours (n, 3)."""
-    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    y = linear @ [0.2126, 0.7152, 0.0722]
-    return np.where(y > 216 / 24389, 116 * np.cbrt(y) - 16, y * 24389 / 27)
-
 
 # Machado, Oliveira and Fernandes (2009), doi:10.1109/TVCG.2009.113, severity 1, linear RGB
 DEUTERANOPIA = np.array(
@@ -95,3 +88,37 @@ def test_names_of_a_user_are_drawn_without_tex():
     ax.figure.canvas.draw()
     shown = [text.get_text() for text in ax.get_legend().get_texts()]
     assert shown == [r"\$x^{2\$", r"\$a\$", r"\alpha\$", "two lines"]
+
+
+@pytest.mark.parametrize(
+    ("draw", "fault"),
+    [
+        (lambda ax: ax.set_title("a title of many words " * 8), "beyond the figure"),
+        (lambda ax: [ax.text(0.5, y, "a label") for y in (0.5, 0.51)], "overlap"),
+        (lambda ax: [ax.plot([0, 1], [y, 1], label=str(y)) for y in range(3)], "alike in grey"),
+        (lambda ax: ax.set_xticks([0, 0.01], ["left", "right"]), "overlap"),
+        (lambda ax: ax.plot([0, 0.1, 1], [0, 0.05, 1], "o", label="a long name"), "legend over"),
+        (lambda ax: ax.bar(*np.eye(2), label="-3 dB"), "hyphen for a minus"),
+    ],
+)
+def test_faults_that_an_art_editor_would_see_are_found(draw, fault):
+    ax = viz.marks.axes(None)
+    draw(ax)
+    if ax.get_legend_handles_labels()[1]:
+        ax.legend(loc="lower left")
+    assert any(text.startswith(fault) for text in faults(ax.figure))
+    mpl.pyplot.close("all")
+
+
+def test_curves_and_bars_of_every_color_are_told_apart_in_grey():
+    """Two to thirteen curves with and without markers, and groups of bars."""
+    import xarray as xr
+
+    for n, look in ((7, "-"), (7, "o-"), (7, "o"), (12, "-")):
+        names = [f"name {i}" for i in range(n)]
+        data = xr.Dataset(
+            {"gain": (("case", "depth"), 1.0 + np.arange(2.0 * n).reshape(n, 2))},
+            {"case": names, "depth": [1.0, 2.0]},
+        )
+        viz.plot_curves(data, "gain", style=look)
+    viz.marks.bars(None, data.isel(case=slice(7)), "gain")
