@@ -63,11 +63,9 @@ from meshtrace.kernels.sources import BUBBLE_SCORE, SKY_SCORE, SUN_SCORE, Backwa
 from meshtrace.kernels.tally import Tallies
 from meshtrace.kernels.tints import (
     NO_TINTS,
-    LastScattering,
     Mixture,
     Tints,
     add_tinted,
-    factors_of,
 )
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
@@ -305,12 +303,12 @@ class _Walk(NamedTuple):
 
         Sums over `rays`, divided by the number of all photons of a shift.
         """
-        per_shift, factors = self.view.per_shift, factors_of(len(links))
+        per_shift, factors = self.view.per_shift, np.empty((2, len(links)))
         sun, _ = refracted_sun(day, link.water.n / link.n_air)
         zeros = np.zeros((2, len(links)))
         # In the order of the scores: light of the sky has no last scattering, so that its factors
         # are 1 (logarithm 0) at any depth and angle; sunlight has one by the water or by bubbles.
-        last_events = [LastScattering(1.0, zeros, zeros + 1.0)]
+        last_events = [(1.0, zeros, zeros + 1.0)]
         for by_bubbles in (False, True):
             last_events.append(
                 _last_scattering(link, links, float(sun[2]), self.in_water, by_bubbles)
@@ -322,8 +320,9 @@ class _Walk(NamedTuple):
         for tallies in self._tallies(link, day, rays, tinting.tints):
             arrivals = tallies.arrivals[: int(tallies.n_arrivals[0])]
             for score, last in enumerate(last_events):
+                scored = arrivals[arrivals["receiver"] == score]
                 # adds to `sums[score]` in place
-                add_tinted(arrivals, score, group, mixture, last, factors, sums[score])
+                add_tinted(scored, group, mixture, *last, factors, sums[score])
         by_light = np.stack([sums[SKY_SCORE], sums[SUN_SCORE] + sums[BUBBLE_SCORE]])
         by_group = by_light.transpose(2, 1, 0).reshape(len(links), SHIFTS, pixels, 2)
         return by_group / per_shift * self._squared_index(link)
@@ -388,8 +387,8 @@ def _lost(phase: PhaseFunction, in_water: bool) -> float:
 
 def _last_scattering(
     base: Link, links: Sequence[Link], cos_sun: float, in_water: bool, by_bubbles: bool
-) -> LastScattering:
-    """Return the factors of the wavelengths on the scattering of sunlight into a path.
+) -> tuple[float, Floats, Floats]:
+    """Return step [m], log and phase: factors on the last scattering of sunlight, see `add_tinted`.
 
     b_c p_c(theta) / (b p(theta)) exp(-(tau_c - tau) / cos_sun) at wavelength c over that of the
     base, tau the optical depth below still water and cos_sun the cosine of the refracted sun's
@@ -411,7 +410,7 @@ def _last_scattering(
     log = np.array(logs[1:]).T - logs[0][:, None]
     ratio = np.array(phases[1:]).T / np.maximum(phases[0], 1e-300)[:, None]
     # the order of the one array depends on the number of wavelengths, and kernels on the order
-    return LastScattering(float(grid[1]), *map(np.ascontiguousarray, (log, ratio)))
+    return float(grid[1]), np.ascontiguousarray(log), np.ascontiguousarray(ratio)
 
 
 @lru_cache(maxsize=256)

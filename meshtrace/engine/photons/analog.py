@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from meshtrace.engine.bvh import Intersector
 from meshtrace.engine.photons.flight import Miss, follow
-from meshtrace.engine.photons.state import PHOTON, Limits, Recorder, World
+from meshtrace.engine.photons.state import PHOTON, Recorder, World
 from meshtrace.engine.setup import arrays
 from meshtrace.engine.setup.bodies import BodyScene, for_thread, scene_of
 from meshtrace.engine.setup.options import BLOCK, Analog, IrradianceMap, Record, read_records
@@ -29,7 +29,7 @@ from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.kernels.rays import NO_BVH
 from meshtrace.kernels.sources import FORWARD, N_SCORES
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Fate, MapGrid, Tallies
-from meshtrace.kernels.tints import ALONE, factors_of
+from meshtrace.kernels.tints import ALONE
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
@@ -302,7 +302,7 @@ def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
         tallies = empty._replace(
             score=np.zeros((last - first, setup.n_scores)),
             arrivals=np.zeros(room, ARRIVAL),
-            map_factors=factors_of(len(empty.grid.scale)),
+            map_factors=np.empty((2, len(empty.grid.scale))),
             **{name: np.zeros_like(getattr(empty, name)) for name in _SUMS},
         )
         # every thread has tallies and a photon of its own; the surface is shared
@@ -371,9 +371,11 @@ def setup_of(
         medium=arrays.with_raster(medium, intersector),
         apertures=arrays.aperture_arrays(link, frame),
         interface=arrays.interface_arrays(link),
-        limits=Limits(
-            roulette, survival, options.max_events, options.max_surface_events, unscattered
-        ),
+        least_weight=roulette,
+        survival=survival,
+        max_events=options.max_events,
+        max_crossings=options.max_surface_events,
+        scores_unscattered=unscattered,
         tallies=_no_tallies(link, frame, cells),
         recorder=recorder or new_recorder(0, 0),
         back=FORWARD,
@@ -410,7 +412,7 @@ def _no_tallies(link: Link, frame: arrays.Frame, cells: MapGrid) -> Tallies:
         radiance=np.zeros((SHIFTS, len(depths), *bins), np.int64),
         grid=cells,
         map_tint=np.zeros(len(cells.mixture.shares)),
-        map_factors=factors_of(len(cells.scale)),
+        map_factors=np.empty((2, len(cells.scale))),
         map=np.zeros(shape, np.int64),
         map_squared=np.zeros(shape, np.int64),
         arrivals=np.zeros(0, ARRIVAL),

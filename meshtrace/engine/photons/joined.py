@@ -28,7 +28,6 @@ from meshtrace.engine.photons.targets import (
     JoinedWorld,
     Joins,
     Manifold,
-    SameSide,
     Window,
 )
 from meshtrace.engine.setup import arrays, ends
@@ -230,10 +229,10 @@ class JoinedPhotons:
         return gains.of_photons(self.photons).by_wavelength()
 
     @property
-    def _same_side(self) -> SameSide | None:
-        """Side of both ends, None for a link that crosses the surface."""
+    def _under(self) -> bool | None:
+        """Whether both ends lie under the surface, None for a link that crosses it."""
         direction = self.link.direction
-        return SameSide(direction == "under") if direction in SAME_SIDE else None
+        return direction == "under" if direction in SAME_SIDE else None
 
     def _runs(self, frame: arrays.Frame) -> list[_Run]:
         """Return the runs: one to all receivers in the air, or one from each in the water."""
@@ -287,7 +286,7 @@ class JoinedPhotons:
         joins = self._joins(surface, sources, run, frame, bins, facets)
         return JoinedWorld(
             0, np.uint64(self.seed), sources, surface, grid, medium,
-            arrays.interface_arrays(link), joins, manifold, None, self._same_side, _EVENTS,
+            arrays.interface_arrays(link), joins, manifold, None, self._under, _EVENTS,
             NO_TINTS, NO_BVH,
             np.zeros(1 + _COPIES, JOINED_PHOTON), np.zeros(0, ARRIVAL), np.zeros(1, np.int64),
         )  # fmt: skip
@@ -316,7 +315,7 @@ class JoinedPhotons:
         window = _window(a, turned, turned * depth > DIFFUSE, in_water)
         # crossings are drawn somewhat wider than slopes of waves and random ones carry them
         spread = _SPREAD * math.sqrt(rough + arrays.mean_square_slope(surface))
-        bends = rough > 0.0 and not window.diffuse and self._same_side is None
+        bends = rough > 0.0 and not window.diffuse and self._under is None
         if bends and self._is_aimed(sources, run.targets, spread):
             # beams onto targets: a collision turns light out of the range that slopes can bend back
             mean_share = _remaining_importance(water, link.water.n / link.n_air, spread)

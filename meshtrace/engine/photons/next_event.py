@@ -260,11 +260,11 @@ def _score(q, i, weight, theta, p, goal, water, world):
         off = plus(scaled(goal.x, target.e1), scaled(goal.y, target.e2))
         way = minus(plus(target.center, off), p)
         a.water, a.air, a.order = q.water + water, q.air + norm(way), q.order
-        a.part = _part_of(q, world.same_side)
+        a.part = _part_of(q, world.under)
         # photons to a lamp run backwards: their light arrives where they start
         write(a.way, scaled(-1.0, targets.vector_of(q.first)) if target.is_lamp else way)
         tint_way(world.tints, a.tint, q.z, p.z, water)
-        if targets.is_mirrored(world.same_side):
+        if targets.is_mirrored(world.under):
             # the way behind the crossing lies in the water, too
             a.water, a.air = a.water + norm(way), 0.0
             tint_way(world.tints, a.tint, p.z, p.z + way.z, norm(way))
@@ -274,9 +274,9 @@ def _score(q, i, weight, theta, p, goal, water, world):
 
 
 @inlined
-def _part_of(q, same_side):
+def _part_of(q, under):
     """Return the part of the gain that light of a photon belongs to, see `kernels.tally`."""
-    if same_side is None:
+    if under is None:
         if q.reflections > 0:
             return REFLECTED
         return SCATTERED if q.order > 0 else DIRECT
@@ -362,7 +362,7 @@ def join_collision(q, turned_by, world):
     q.order += 1
     q.is_guided = 1 if q.copies + targets.SPARE < len(world.photon) else 0
     start, q.density, q.turned_by = place(q), 0.0, turned_by
-    targets.note_event(q, world.same_side)
+    targets.note_event(q, world.under)
     q.level = level = targets.level_over(start, world)
     if q.returns + 1 < joins.first:
         return
@@ -386,7 +386,7 @@ def join_collision(q, turned_by, world):
             continue
         scene = targets.scene_to(joins.target[i], world)
         goal = targets.goal_on(scene.target, q.u, q.v)
-        join_straight(q, i, world, world.same_side)
+        join_straight(q, i, world, world.under)
         still = targets.still_crossing(start, goal, level, scene)
         if rough:
             p = targets.beside(still, r, v, joins)

@@ -69,16 +69,6 @@ class Vertex(IntEnum):
     BODY = 9  # reflected by a body
 
 
-class Limits(NamedTuple):
-    """Conditions that end a photon."""
-
-    weight: float  # below it Russian roulette is played
-    survival: float  # 0: survive with weight / limit; else with this probability
-    events: int  # collisions, crossings and reflections, at most
-    surface_events: int  # crossings, at most
-    unscattered: bool  # whether light that has met its first crossing alone is scored
-
-
 class Recorder(NamedTuple):
     """Paths of the first photons, for visualisation; tallies are unaffected."""
 
@@ -100,7 +90,11 @@ class World(NamedTuple):
     medium: Medium
     apertures: tally.Apertures
     interface: Interface
-    limits: Limits
+    least_weight: float  # below it Russian roulette is played
+    survival: float  # probability in that roulette; 0: weight / least_weight
+    max_events: int  # collisions, crossings and reflections of a photon
+    max_crossings: int  # of the surface, among them
+    scores_unscattered: bool  # whether light that has met its first crossing alone is scored
     tallies: tally.Tallies
     recorder: Recorder
     back: Backward  # receivers from which photons run backwards, `FORWARD` for photons of sources
