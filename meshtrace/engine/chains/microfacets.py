@@ -34,18 +34,7 @@ from meshtrace.kernels import sources
 from meshtrace.kernels.interface import FieldOfView, normal_at
 from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
 from meshtrace.kernels.medium import depth_between
-from meshtrace.kernels.vectors import (
-    Vec2,
-    Vec3,
-    blend,
-    dot,
-    dot2,
-    minus,
-    minus2,
-    norm,
-    row,
-    scaled,
-)
+from meshtrace.kernels.vectors import Vec2, Vec3, blend, dot, dot2, minus, minus2, norm, row, scaled
 
 # What each constant costs: the change of the gain and of the time (x) when it is made twice as
 # careful, measured over a sea of 5 m/s for (led) the default link, (view) a view of 10 degrees onto

@@ -23,18 +23,7 @@ from meshtrace.engine.chains.random_slopes import MOST_SLOPE, slope_gradient, sl
 from meshtrace.kernels.interface import FieldOfView, exposure, normal_at
 from meshtrace.kernels.jit import ZERO, inlined, outlined
 from meshtrace.kernels.sources import intensity
-from meshtrace.kernels.vectors import (
-    Vec2,
-    Vec3,
-    along,
-    blend,
-    dot,
-    minus,
-    norm,
-    plus,
-    row,
-    scaled,
-)
+from meshtrace.kernels.vectors import Vec2, Vec3, along, blend, dot, minus, norm, plus, row, scaled
 
 # What each constant costs: see the table in `microfacets`.
 _PER_DEVIATION = 1.2  # Gauss nodes per standard deviation of the light on the aperture

@@ -17,15 +17,7 @@ from __future__ import annotations
 import math
 from enum import IntEnum
 
-from meshtrace.engine.photons.state import (
-    Vertex,
-    head,
-    heading,
-    place,
-    put,
-    record,
-    write_vertex,
-)
+from meshtrace.engine.photons.state import Vertex, head, heading, place, put, record, write_vertex
 from meshtrace.kernels import interface, sources, tally
 from meshtrace.kernels.bodies import first_body, reflected
 from meshtrace.kernels.interface import branches

@@ -22,14 +22,7 @@ from meshtrace.engine.chains.aimed import ROOTS, search_extent
 from meshtrace.engine.crossing import FLAT, ROOT
 from meshtrace.engine.gains import Gains, places_of, shares_of, table_of
 from meshtrace.engine.photons.joined_walk import follow_joined
-from meshtrace.engine.photons.targets import (
-    JOINED_PHOTON,
-    TARGET,
-    JoinedWorld,
-    Joins,
-    Manifold,
-    Window,
-)
+from meshtrace.engine.photons.targets import JOINED_PHOTON, TARGET, JoinedWorld, Joins, Window
 from meshtrace.engine.setup import arrays, ends
 from meshtrace.engine.setup.bodies import BodyScene, for_thread, scene_of
 from meshtrace.engine.setup.options import BLOCK
@@ -274,19 +267,19 @@ class JoinedPhotons:
             rest = in_water, share, start.e1, start.table
             sources = Sources(*(np.array([value]) for value in (*end, *rest)))
         grid = arrays.grid_arrays(intersector.mesh)
-        bins, facets, manifold = arrays.NO_BINS, np.zeros(0, FACET), None
+        bins, facets, search = arrays.NO_BINS, np.zeros(0, FACET), None
         # a grid finds the facet over a point by its lines; Newton over smooth waves by bins
         if is_smooth or not len(grid.x.line):
             bins = arrays.locator(surface, run.targets)
         if is_smooth:
             facets = np.empty(len(surface.faces), FACET)
             facet_summary(surface, facets)
-            room = np.zeros(1, FLAT), np.zeros(ROOTS, ROOT)
-            manifold = Manifold(search_extent(surface, facets, bins), *room)
+            search = search_extent(surface, facets, bins)
         joins = self._joins(surface, sources, run, frame, bins, facets)
         return JoinedWorld(
             0, np.uint64(self.seed), sources, surface, grid, medium,
-            arrays.interface_arrays(link), joins, manifold, None, self._under, _EVENTS,
+            arrays.interface_arrays(link), joins, search,
+            np.zeros(1, FLAT), np.zeros(ROOTS, ROOT), None, self._under, _EVENTS,
             NO_TINTS, NO_BVH,
             np.zeros(1 + _COPIES, JOINED_PHOTON), np.zeros(0, ARRIVAL), np.zeros(1, np.int64),
         )  # fmt: skip
@@ -423,7 +416,8 @@ class JoinedPhotons:
                         bvh=bvh,
                         bodies=body_arrays,
                         photon=np.zeros_like(world.photon),
-                        manifold=_with_buffers(world.manifold),
+                        flat=np.zeros_like(world.flat),
+                        roots=np.zeros_like(world.roots),
                         arrivals=np.empty(room, ARRIVAL),
                         n_arrivals=np.zeros(1, np.int64),
                     )
@@ -450,11 +444,6 @@ class _Run(NamedTuple):
     targets: list[Target]
     share: Floats  # factors on the scores of the targets
     first: list[int]  # by target, number of the crossing from which on light is scored
-
-
-def _with_buffers(manifold: Manifold | None) -> Manifold | None:
-    """Return a search with separate buffers, for another thread."""
-    return manifold and Manifold(manifold.search, *map(np.zeros_like, manifold[1:]))
 
 
 def _remaining_importance(phase: AngleTable, n: float, spread: float) -> float:

@@ -272,7 +272,7 @@ def _start(q, photon, world):
     reset_tint(world.tints, q.tint)
     q.importance = importance(p, world.joins)
     _draw_path(q, u_path, world)
-    _look_ahead(q, world, world.manifold)
+    _look_ahead(q, world, world.search)
 
 
 @outlined
@@ -316,7 +316,7 @@ def _facet_ahead(q, world):
 
 
 @outlined
-def _look_ahead(q, world, manifold):
+def _look_ahead(q, world, search):
     """Join the light of a photon that meets the surface without another collision, by chance.
 
     Light that goes on straight to a receiver in the water is joined first.
@@ -324,7 +324,7 @@ def _look_ahead(q, world, manifold):
     join_hits(q, world, world.under)
     _hit_beyond(q, world, world.bodies)
     # smooth waves; a separate argument, so that numba leaves the rest out by its type
-    if manifold is not None:
+    if search is not None:
         return
     joins = world.joins
     # Without random slopes a given direction never hits a given point of an aperture: collisions
@@ -446,7 +446,7 @@ def _reflect(q, facet, world):
     q.level = targets.level_over(place(q), world)
     _, u_path, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE.value)
     _draw_path(q, u_path, world)
-    _look_ahead(q, world, world.manifold)
+    _look_ahead(q, world, world.search)
     return True
 
 
@@ -513,7 +513,7 @@ def _leave_wall(q, d, cosine, u_path, world):
         _guide_from_wall(q, d, world, world.under)
     head(q, d)
     _draw_path(q, u_path, world)
-    _look_ahead(q, world, world.manifold)
+    _look_ahead(q, world, world.search)
     return _is_worth(q, YES, world)
 
 
@@ -571,7 +571,7 @@ def _scatter(q, world):
         for _ in range(n - 1):
             _push(q, world)
         redirect(q, s, u_phi, world)
-        _look_ahead(q, world, world.manifold)
+        _look_ahead(q, world, world.search)
         if not _is_worth(q, YES, world):
             return False
     # a null collision of delta tracking: many in clear water below bubbles, so roulette here too
@@ -600,7 +600,7 @@ def _resume(q, world):
     redirect(q, medium.sample_s(phase, u_theta), u_phi, world)
     if q.weight == 0.0:  # into the bottom that the copy has left
         return False
-    _look_ahead(q, world, world.manifold)
+    _look_ahead(q, world, world.search)
     _draw_path(q, u_path, world)
     return _is_worth(q, YES, world)
 

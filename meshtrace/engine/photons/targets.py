@@ -154,14 +154,6 @@ _BENT = 0.1  # tuned: fall of that chance with the squared slope over its varian
 SPARE = 16
 
 
-class Manifold(NamedTuple):
-    """Search for crossings with the buffers of one thread."""
-
-    search: crossing.Search  # for targets without bounds
-    flat: NDArray[np.void]  # (1,) FLAT
-    roots: NDArray[np.void]  # ROOT
-
-
 class JoinedWorld(NamedTuple):
     """Everything that the joined photons of a block share."""
 
@@ -173,7 +165,9 @@ class JoinedWorld(NamedTuple):
     medium: Medium
     interface: Interface
     joins: Joins
-    manifold: Manifold | None  # for smooth waves
+    search: crossing.Search | None  # of crossings of smooth waves, without the reach of a target
+    flat: NDArray[np.void]  # (1,) FLAT, scratch for the crossing of still water
+    roots: NDArray[np.void]  # ROOT, scratch for those of waves
     bodies: BodyArrays | None  # None: kernels of links without bodies compile nothing of them
     # lamps and receivers lie under the surface, or over it (False); None: on two sides, so that
     # kernels compile nothing of ways that stay on one
