@@ -81,16 +81,16 @@ def analog_result(
     mean = sums.score / n
     stderr = tallies.standard_error(sums.score, sums.score_squared, n)
     weights, arrivals = sums.ledger.value() / n, None
-    pairs: dict[str, Any] = {}
+    extra: dict[str, Any] = {}
     if "arrivals" in records or link.pixels > 1:
         hits = sums.all_arrivals
         table = table_of(hits, hits["weight"] / n, 1.0, link)
         arrivals = table if "arrivals" in records else None
-        pairs = by_pixel_of(table, link)
+        extra = by_pixel_of(table, link)
     grid = records.get("irradiance-map")
     gain = per_receiver(link, mean[:n_rx])
     if seed is not None:
-        pairs |= by_lamp_of(groups_by_lamp(sums, seed, link))
+        extra |= by_lamp_of(groups_by_lamp(sums, seed, link))
     return GainResult(
         gain=gain,
         gain_stderr=per_receiver(link, stderr[:n_rx]),
@@ -106,7 +106,7 @@ def analog_result(
         arrivals=arrivals,
         planes=_planes(link, sums, mean[n_rx:], stderr[n_rx:]),
         map=irradiance_map(grid, sums) if isinstance(grid, options.IrradianceMap) else None,
-        **pairs,
+        **extra,
     )
 
 

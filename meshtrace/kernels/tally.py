@@ -167,7 +167,8 @@ def crosses_aperture(apertures, i, p, d, length, fov):
 
     Array twin: `tests/kernels/test_kernels_tally.py`.
     The path starts at p along d. The angle is tested against the aperture's axis; the paper tests
-    the position of the surface crossing instead, which accepts a superset (E11).
+    the position of the surface crossing instead, which accepts a superset (E11 of
+    docs/paper.md).
     """
     # First the cosine, which is cheap: most light of a scattering sea heads elsewhere.
     axis = row(apertures.axis, i)
@@ -239,7 +240,7 @@ def score_apertures(q, in_water, d, weight, length, world):
 
 @inlined
 def _part_of(q, same_side):
-    """Return the part of the light that a photon belongs to, `DIRECT` ... `BOTTOM`."""
+    """Return the part of the light that a photon belongs to, `DIRECT` ... `BODY`."""
     if same_side:
         # light that was never turned is straight, or a mirror image
         return q.turned_by if q.turned > 0 or q.crossings == 0 else MIRRORED

@@ -3,7 +3,8 @@
 `AimedChains` has one surface, in the local frame of a link (lengths over `link.frame.unit`), and
 calls the kernels of chains (`gain`), of unscattered light through smooth facets (`unscattered`) and
 through facets with random slopes (`microfacets`). Scores and gains are shares of the power of a
-source that arrive at a receiver.
+source that arrive at a receiver. `source` and `receiver` are indices of emitters and targets of the
+`ForcedLink`: chains of a downlink run against the light, and there the emitter is the receiver.
 """
 
 from __future__ import annotations

@@ -351,7 +351,7 @@ def setup_of(
     # survival 0: with the chance weight / limit, after which all weigh the same
     roulette, survival = options.roulette, 0.0
     if roulette is None and link.physics.absorption == "paper":
-        roulette, survival = 1e-3, 0.1  # the paper ends no photon in water (E13)
+        roulette, survival = 1e-3, 0.1  # E13 of docs/paper.md: it ends no photon in water
     if roulette is None:
         # planes and light from the air count photons at depths where all are weak
         roulette = 1e-3

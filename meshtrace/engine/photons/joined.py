@@ -317,21 +317,8 @@ class JoinedPhotons:
         # water that hardly attenuates would keep photons that go down for ever
         window = window._replace(kappa=max(window.kappa, _LEAST_FALL / depth))
         walls = _walls(scene_of(link, frame))
-        records = np.zeros(len(run.targets), TARGET)
-        # area over which slopes spread light, per squared height: 2 pi sigma_a sigma_c (n - 1)^2
-        blur = 2.0 * math.pi * surface.roughness.along * surface.roughness.across
-        turn = 2.0 if in_water else link.water.n / link.n_air - 1.0
-        blur *= turn**2
-        records["first"] = run.first
-        for row, target, part in zip(records, run.targets, run.share, strict=True):
-            _fill(row, target, part, 1.0 / max(a + b, 1e-300))  # no division by 0 in clear water
-            if in_water:
-                _see_in_water(row, sources, walls)
-            if not target.is_lamp and rough > 0.0:
-                # the wider an aperture against the blur by slopes, the more of its points slopes
-                # draw
-                sloped = target.area / (target.area + blur * target.center.z**2)
-                row["sloped"] = sloped if sloped > _LEAST_SLOPED else 0.0
+        free_path = 1.0 / max(a + b, 1e-300)  # no division by 0 in clear water
+        records = self._targets(surface, sources, run, walls, free_path)
         # ceiling division: evenly spaced, at most _GUIDES
         guides = records[:: -(-len(records) // _GUIDES)].copy()
         # without random slopes collisions alone are joined, and no connection is left out
@@ -353,6 +340,26 @@ class JoinedPhotons:
             records, guides, first, self._direct, water, bubble, bins, facets, spread, decay,
             often * b, often, start_lobe, start_cone, lobe, cone, window,
         )  # fmt: skip
+
+    def _targets(
+        self, surface: MeshArrays, sources: Sources, run: _Run, walls: Floats, free_path: float
+    ) -> NDArray[np.void]:
+        """Return the records of the targets of a run, see `TARGET`."""
+        records, in_water = np.zeros(len(run.targets), TARGET), self.link.direction == "under"
+        records["first"] = run.first
+        # area over which slopes spread light, per squared height: 2 pi sigma_a sigma_c (n - 1)^2
+        turn = 2.0 if in_water else self.link.water.n / self.link.n_air - 1.0
+        blur = 2.0 * math.pi * surface.roughness.along * surface.roughness.across * turn**2
+        for row, target, part in zip(records, run.targets, run.share, strict=True):
+            _fill(row, target, part, free_path)
+            if in_water:
+                _see_in_water(row, sources, walls)
+            if not target.is_lamp and max(surface.roughness[:2]) > 0.0:
+                # the wider an aperture against the blur by slopes, the more of its points slopes
+                # draw
+                sloped = target.area / (target.area + blur * target.center.z**2)
+                row["sloped"] = sloped if sloped > _LEAST_SLOPED else 0.0
+        return records
 
     def _is_aimed(self, sources: Sources, targets: list[Target], spread: float) -> bool:
         """Return whether random slopes bend most of the unscattered light to the targets.
@@ -467,12 +474,8 @@ def _window(a: float, turned: float, diffuse: bool, in_water: bool) -> Window:
         # diffusion theory: D = 1 / (3 (a + b (1 - g))), decay (a / D)^(1/2), and an extrapolated
         # boundary beyond the surface, where the fluence would vanish
         d = 1.0 / (3.0 * (a + turned))
-        kappa, length, beyond, highest = (
-            math.sqrt(a / d),
-            1.0 / (a + turned),
-            _BOUNDARY * d,
-            _HIGHEST,
-        )
+        kappa, length = math.sqrt(a / d), 1.0 / (a + turned)
+        beyond, highest = _BOUNDARY * d, _HIGHEST
     return Window(diffuse, kappa, length, beyond, highest, 0.0, in_water)
 
 
@@ -540,8 +543,9 @@ def _fill(row: np.void, target: Target, share: float, free_path: float) -> None:
     for name, value in target._asdict().items():
         row[name] = value
     row["share"] = share
-    # the part of still water that it sees: where its axis leads, as wide as its cone and aperture
-    # its axis downwards: that of a lamp is along its light, that of a receiver up, as light goes
+    # The part of still water that it sees: where its axis leads, as wide as its cone and aperture.
+    # The axis of a lamp is along its light, downwards; that of a receiver is along the light that
+    # it takes, upwards, and is turned.
     axis = np.array(target.lamp.axis) if target.is_lamp else -np.array(target.axis)
     fall = target.center.z / max(-axis[2], 0.1)  # [m] along the axis, bounded for grazing views
     row["seen"][:2] = np.array(target.center)[:2] + fall * axis[:2]
