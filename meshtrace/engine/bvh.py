@@ -205,7 +205,7 @@ class SharedScene(_Called):
         if code:
             self._release()
             raise OSError(f"error {code} of Embree")
-        self.function = ctypes.cast(rtc.rtcIntersect1, _POINTER).value, scene
+        self.function = ctypes.cast(rtc.rtcIntersect1, _POINTER).value or 0, scene
 
 
 def _release(rtc: Any, scene: int, *arrays: NDArray[Any]) -> None:

@@ -59,8 +59,9 @@ _bare: dict[str, Any] = {
     "_nrt": False,
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
-    **({"pipeline_class": linker.PartCompiler} if linker.LINKED else {}),
 }
+if linker.LINKED:
+    _bare["pipeline_class"] = linker.PartCompiler
 
 ZERO, ONE = np.int64(0), np.int64(1)
 """Numbers to pass to kernels: a literal has another type, for which numba would compile again."""
@@ -335,13 +336,17 @@ def _without_collection() -> Iterator[None]:
             gc.enable()
 
 
-def _compiled(function: Callable[..., Any], **options: Any) -> Any:
-    """Return an entry point that compiles on its first call, and saves its code."""
+def _compiled(function: Callable[..., Any], counts: bool) -> Any:
+    """Return an entry point that compiles on its first call, and saves its code.
+
+    `counts` is whether references to arrays are counted, see the docstring of the module.
+    """
     # no wrapper for C: only Python calls it
-    options = {"no_cfunc_wrapper": True, **options}
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": counts}
+    options["no_cfunc_wrapper"] = True
     if linker.LINKED:
-        options = {"pipeline_class": linker.WholeCompiler, **options}
-    compiled = njit(nogil=True, error_model="numpy", **options)(function)
+        options["pipeline_class"] = linker.WholeCompiler
+    compiled = njit(**options)(function)
     if compiled is not function:  # NUMBA_DISABLE_JIT, for debuggers, leaves plain Python
         compiled._cache = KernelCache(function)
         compiled.__class__ = _Entry
@@ -350,12 +355,12 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Any:
 
 def entry(function: Callable[..., Any]) -> Any:
     """Decorate an entry point called from Python: cached on disk, without the GIL."""
-    return _compiled(function, _nrt=False)
+    return _compiled(function, counts=False)
 
 
 def allocating_entry(function: Callable[..., Any]) -> Any:
     """Decorate an entry point called from Python that allocates arrays."""
-    return _compiled(function)
+    return _compiled(function, counts=True)
 
 
 class _Below(CPUDispatcher):
@@ -368,11 +373,11 @@ class _Below(CPUDispatcher):
         )
 
 
-def _below(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+def _below(forceinline: bool) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator of functions below the entry points."""
 
     def decorate(function: Callable[..., Any]) -> Any:
-        compiled = njit(**_bare, **options)(function)
+        compiled = njit(**_bare, forceinline=forceinline)(function)
         if compiled is not function:
             compiled.__class__ = _Below
         return compiled
@@ -383,7 +388,7 @@ def _below(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 inlined = _below(forceinline=True)
 """Decorator of hot functions; they must not make arrays."""
 
-outlined = _below()
+outlined = _below(forceinline=False)
 """Decorator of functions that few photons reach: kept out of the hot code."""
 
 

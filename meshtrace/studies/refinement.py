@@ -391,14 +391,10 @@ def _aperture_points(rings: int) -> Chains:
 def waves_at(sea: WaveSum, time: float, frame: Frame = IDENTITY) -> WaveComponents:
     """Return the waves of a sea in a local frame, whose time 0 is `time`."""
     waves = sea.components
-    return WaveComponents(
-        amplitude=np.ascontiguousarray(waves.amplitude) / frame.unit,
-        omega=np.ascontiguousarray(waves.omega),
-        kx=np.ascontiguousarray(waves.kx) * frame.unit,
-        ky=np.ascontiguousarray(waves.ky) * frame.unit,
-        # an origin moved by x = (x, y) changes the phase of each wave by -k.x
-        phase=waves.omega * time + waves.phase - waves.kx * frame.x - waves.ky * frame.y,
-    )
+    amplitude, kx, ky = waves.amplitude / frame.unit, waves.kx * frame.unit, waves.ky * frame.unit
+    # an origin moved by x = (x, y) changes the phase of each wave by -k.x
+    phase = waves.omega * time + waves.phase - waves.kx * frame.x - waves.ky * frame.y
+    return WaveComponents(*map(np.ascontiguousarray, (amplitude, waves.omega, kx, ky, phase)))
 
 
 def is_wave_sum(sea: Any) -> TypeGuard[WaveSum]:

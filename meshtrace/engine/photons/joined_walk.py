@@ -355,6 +355,8 @@ def _hit_beyond(q, world, bodies):
     """
     if bodies is None:  # an argument: not compiled for links without bodies
         return
+    # A negative density: a mirror body has turned it, whose one direction no connection can draw.
+    # Receivers in the water are met by `join_hits`.
     if q.density >= 0.0 or targets.is_mirrored(world.under):
         return
     # over random slopes its crossing is joined, see `_look_ahead`
