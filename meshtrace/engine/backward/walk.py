@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from meshtrace.daylight.light import Daylight, refracted_sun
 from meshtrace.engine.backward.view import View
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.photons.analog import chunk_tallies, setup_of
+from meshtrace.engine.photons.analog import AnalogPhotons
 from meshtrace.engine.setup.arrays import frame_of, integral
 from meshtrace.engine.setup.options import Analog, Case
 from meshtrace.engine.setup.tinting import CommonPaths, Tinting, photon_paths
@@ -195,11 +195,10 @@ class _Walk(NamedTuple):
         # photons may cross the surface ten times as often as by default
         options, frame = Analog(roulette=1e-3, max_surface_events=100), frame_of(link)
         intersector = EmbreeIntersector(self.mesh, case.threads)
-        setup = setup_of(
-            bare, intersector, options, case.run.seed, case.meshing.normals, frame=frame
-        )
+        normals = case.meshing.normals
+        photons = AnalogPhotons(bare, intersector, options, case.run.seed, normals, frame)
         sun, irradiance = refracted_sun(day, link.water.n / link.n_air)
-        world, foam = setup.world, setup.world.interface.foam_transmittance
+        world, foam = photons.world, photons.world.interface.foam_transmittance
         bubbles = link.bubbles.phase_function() if link.bubbles else link.water.phase
         back = Backward(
             origin=self.view.origins()[rays],
@@ -219,11 +218,11 @@ class _Walk(NamedTuple):
         )
         starts = range(0, len(rays), options.batch_size)
         spans = [(i, min(i + options.batch_size, len(rays))) for i in starts]
-        room = 0 if tints is None else _ARRIVALS
-        setup = setup._replace(world=world._replace(back=back, tints=tints), arrivals=room)
-        for _, tallies in ordered_map(partial(chunk_tallies, setup), spans, case.threads):
+        photons.world = world._replace(back=back, tints=tints)
+        photons.room = 0 if tints is None else _ARRIVALS
+        for _, tallies in ordered_map(photons.tallies, spans, case.threads):
             # Backward photons record the angle [rad] of their last scattering in the column of the
-            # path in the water, which `chunk_tallies` has multiplied by `unit`: undone here.
+            # path in the water, which `AnalogPhotons` multiplies by `unit`: undone here.
             tallies.arrivals["water"] /= frame.unit
             yield tallies
 
