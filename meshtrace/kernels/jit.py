@@ -373,11 +373,13 @@ class _Below(CPUDispatcher):
         )
 
 
-def _below(forceinline: bool) -> Callable[[Callable[..., Any]], Any]:
+def _below(inline: bool) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator of functions below the entry points."""
+    # never set to False: what is not set numba inherits from the function that calls
+    options = _bare | {"forceinline": True} if inline else _bare
 
     def decorate(function: Callable[..., Any]) -> Any:
-        compiled = njit(**_bare, forceinline=forceinline)(function)
+        compiled = njit(**options)(function)
         if compiled is not function:
             compiled.__class__ = _Below
         return compiled
@@ -385,10 +387,10 @@ def _below(forceinline: bool) -> Callable[[Callable[..., Any]], Any]:
     return decorate
 
 
-inlined = _below(forceinline=True)
+inlined = _below(inline=True)
 """Decorator of hot functions; they must not make arrays."""
 
-outlined = _below(forceinline=False)
+outlined = _below(inline=False)
 """Decorator of functions that few photons reach: kept out of the hot code."""
 
 
