@@ -17,7 +17,6 @@ from .spectra import Jonswap as Jonswap
 from .spectra import OchiHubble as OchiHubble
 from .spectra import PiersonMoskowitz as PiersonMoskowitz
 from .spectra import Spectrum as Spectrum
-from .spectra import TabulatedSpectrum as TabulatedSpectrum
 from .spectra import Tma as Tma
 from .spectra import Torsethaugen as Torsethaugen
 from .spreadings import Cos2sSpreading as Cos2sSpreading
@@ -30,5 +29,6 @@ from .surface import SinusoidalSea as SinusoidalSea
 from .surface import Surface as Surface
 from .surface import TiltedPlane as TiltedPlane
 from .surface import WaveSurface as WaveSurface
+from .tabulated import TabulatedSpectrum as TabulatedSpectrum
 from .triangulate import from_trimesh as from_trimesh
 from .waves import WaveComponents as WaveComponents

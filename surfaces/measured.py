@@ -263,9 +263,8 @@ def _read_gauges(source: Any, unit: str | None) -> tuple[str, Floats, float]:
         raise Refused(name, Described("a gauge that does not vary"), "elevations of waves")
     if np.abs(elevation - np.median(elevation, axis=0)).max() > _HIGHEST:
         count = Described(f"elevations over {np.ptp(elevation, axis=0).max():.3g} m")
-        raise Refused(
-            name, count, f"within {_HIGHEST:g} m of their median: a heading with the unit"
-        )
+        allowed = f"within {_HIGHEST:g} m of their median: a heading with the unit"
+        raise Refused(name, count, allowed)
     # a column that only rises is a time or a count, not waves
     if not headings and (np.diff(elevation, axis=0) > 0.0).all(axis=0).any():
         raise Refused(name, Described("a gauge that rises in all rows"), "headings of the columns")

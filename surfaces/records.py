@@ -64,9 +64,8 @@ def _at_time(data: xarray.Dataset, time: Any) -> xarray.Dataset:
         raise Refused("time", time, f"within half a step of {dates}")
     i = int(distance.argmin())
     if (times == times[i]).sum() > 1:
-        raise Refused(
-            "time", Described(f"{_shown(times[i])} twice in the record"), "one spectrum at a time"
-        )
+        twice = Described(f"{_shown(times[i])} twice in the record")
+        raise Refused("time", twice, "one spectrum at a time")
     dims = data["time"].dims
     return data.isel({dims[0]: i}) if dims else data
 

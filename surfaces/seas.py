@@ -404,11 +404,9 @@ class MeasuredSea(RandomSea, frozen=True):
     def _check_table(self) -> Self:
         lengths = sorted({len(row) for row in self.variance})
         if len(self.variance) != len(self.omega) or lengths != [len(self.theta)]:
-            raise Refused(
-                "variance",
-                f"{len(self.variance)} rows of {lengths} values",
-                f"{len(self.omega)} rows (omega) of {len(self.theta)} (theta)",
-            )
+            shape = f"{len(self.variance)} rows of {lengths} values"
+            allowed = f"{len(self.omega)} rows (omega) of {len(self.theta)} (theta)"
+            raise Refused("variance", shape, allowed)
         if self.mss != "band" and self.wind_speed is None:
             raise Refused("wind_speed", None, f'a wind speed for mss = "{self.mss}"')
         require_random(self.slope_law, self.mss)

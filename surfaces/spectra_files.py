@@ -74,9 +74,8 @@ def read_spectrum(
         missing = [name for name in ("efth", "freq") if name not in dataset.variables]
         if missing:
             problem = Described(f"without {missing}")
-            raise Refused(
-                "source", problem, 'efth over freq [Hz] and dir [deg], or a reader ("ww3")'
-            )
+            allowed = 'efth over freq [Hz] and dir [deg], or a reader ("ww3")'
+            raise Refused("source", problem, allowed)
         record, label = one_record(dataset, ("efth", "freq", "dir", *FOURIER), time, site)
         sizes = record["efth"].sizes
         if any(size > 1 for name, size in sizes.items() if name not in ("freq", "dir")):
@@ -243,9 +242,8 @@ def _ndbc_ascii(source: Any) -> xarray.Dataset:
     names = ["efth", *FOURIER]
     if len(paths) not in (1, len(names)):
         problem = Described(f"{len(paths)} files")
-        raise Refused(
-            "source", problem, "the file of densities, or that with swdir, swdir2, swr1, swr2"
-        )
+        allowed = "the file of densities, or that with swdir, swdir2, swr1, swr2"
+        raise Refused("source", problem, allowed)
     arrays = {}
     for name, path in zip(names, paths, strict=False):
         frame = read_file(str(path)).drop(columns="Sep_Freq", errors="ignore")

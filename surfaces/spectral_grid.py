@@ -45,26 +45,21 @@ def on_grid(data: xarray.Dataset) -> GriddedSpectrum:
     axes = ("freq",) if is_fourier else ("freq", "dir")
     efth = efth.squeeze([d for d in efth.dims if d not in axes and efth.sizes[d] == 1], drop=True)
     if not is_fourier and efth.sizes.get("dir", 1) == 1 and set(efth.dims) <= {"freq", "dir"}:
-        raise Refused(
-            "efth",
-            Described("no directions"),
-            'directions, or spectrum = "tabulated" with a spreading',
-        )
+        allowed = 'directions, or spectrum = "tabulated" with a spreading'
+        raise Refused("efth", Described("no directions"), allowed)
     if not is_fourier and "dir" not in data.variables:
         raise Refused("dir", Described("missing"), "directions [deg]")
     if set(efth.dims) != set(axes) or not efth.size:
         raise Refused("efth", efth.dims, f"dimensions {axes}; select one time and site first")
-    freq = _frequencies(data["freq"], unit_of(efth))
-    values = valid_values(efth.transpose(*axes))
+    unit = unit_of(efth)
+    freq = _frequencies(data["freq"], unit)
+    values, order = valid_values(efth.transpose(*axes)), np.argsort(freq, kind="stable")
     if is_fourier:
-        unit = unit_of(efth)
         values = convert(values, unit, "m2 Hz-1", "efth") if unit else values
         coefficients = [_coefficient(data[name], name) for name in FOURIER]
-        order = np.argsort(freq, kind="stable")
         direction = np.arange(_DIRECTIONS) * 360.0 / _DIRECTIONS
         density = _from_fourier(values, direction, *coefficients)
         return _checked(freq[order], direction, density[order])
-    unit = unit_of(efth)
     is_angular = unit_of(data["dir"]).lower().startswith("rad")
     if (unit or is_angular) and not _ANGLE.search(unit):
         problem = Described(f"in {unit}" if unit else "without units over radians")
@@ -75,7 +70,6 @@ def on_grid(data: xarray.Dataset) -> GriddedSpectrum:
             warn_of_input(f"efth: {unit} converted to {_DENSITY}")
         values = per_degree
     direction = _directions(data, values)
-    order = np.argsort(freq, kind="stable")
     return _checked(freq[order], *_round_the_circle(direction, values[order]))
 
 
@@ -141,9 +135,8 @@ def _round_the_circle(direction: Floats, density: Floats) -> tuple[Floats, Float
         if not np.allclose(
             density[:, i], density[:, (i + 1) % len(direction)], rtol=1e-4, equal_nan=True
         ):
-            raise Refused(
-                "dir", Described(f"{direction[i]:g} deg twice"), "one density a direction"
-            )
+            twice = Described(f"{direction[i]:g} deg twice")
+            raise Refused("dir", twice, "one density a direction")
     direction, density = direction[~is_double], density[:, ~is_double]
     n = len(direction)
     width = 360.0 / n
@@ -171,9 +164,8 @@ def _checked(freq: Floats, direction: Floats, density: Floats) -> GriddedSpectru
     if len(freq) < 2 or not (np.isfinite(freq) & (freq > 0.0)).all():
         raise Refused("freq", Described("not positive"), "two or more finite numbers > 0 [Hz]")
     if not (np.diff(freq) > 0.0).all():
-        raise Refused(
-            "freq", Described("a frequency twice"), "one spectrum of different frequencies"
-        )
+        allowed = "one spectrum of different frequencies"
+        raise Refused("freq", Described("a frequency twice"), allowed)
     missing = int((~np.isfinite(density) | (np.abs(density) > LARGEST)).sum())
     if missing:
         problem = Described(f"{missing} of {density.size} values missing or not finite")

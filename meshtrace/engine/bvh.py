@@ -74,14 +74,6 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {
 }
 
 
-class Library(NamedTuple):
-    """The library of Embree and its one device: devices are costly, scenes are not."""
-
-    functions: Any  # the `ctypes.CDLL`, with the types of `_FUNCTIONS`
-    device: int  # address of the RTCDevice
-    intersect: int  # address of rtcIntersect1
-
-
 def new_scene(vertices: Floats, faces: NDArray[np.integer[Any]]) -> RayScene:
     """Return a committed scene of a mesh in robust mode, in single precision."""
     embree = library()
@@ -108,8 +100,11 @@ def _tell_walk() -> None:
 
 
 @cache
-def library() -> Library | None:
-    """Return the Embree library of the embreex wheel; None if it cannot be loaded."""
+def library() -> ctypes.CDLL | None:
+    """Return the Embree library of the embreex wheel; None if it cannot be loaded.
+
+    Its functions have the types of `_FUNCTIONS`.
+    """
     if config.DISABLE_JIT:  # rays are cast by compiled code
         return None
     try:
@@ -121,11 +116,16 @@ def library() -> Library | None:
         for name, (result, *arguments) in _FUNCTIONS.items():
             function = getattr(functions, name)
             function.restype, function.argtypes = result, arguments
-        device = functions.rtcNewDevice(None)
-        intersect = ctypes.cast(functions.rtcIntersect1, _POINTER).value
+        return functions if _device_of(functions) else None
     except (ImportError, OSError, AttributeError, StopIteration):  # whatever a platform lacks
         return None
-    return Library(functions, device, intersect) if device and intersect else None
+
+
+@cache
+def _device_of(rtc: ctypes.CDLL) -> int | None:
+    """Return the address of the one RTCDevice: devices are costly, scenes are not."""
+    address: int | None = rtc.rtcNewDevice(None)
+    return address
 
 
 class _Called:
@@ -175,20 +175,20 @@ class SharedScene(_Called):
         If Embree reports an error.
     """
 
-    def __init__(self, embree: Library, vertices: Floats, faces: NDArray[np.integer[Any]]) -> None:
-        rtc = embree.functions
+    def __init__(self, rtc: ctypes.CDLL, vertices: Floats, faces: NDArray[np.integer[Any]]) -> None:
+        device = _device_of(rtc)
         # Embree reads vertices as 16 bytes, 4 beyond the last one: one more vertex is allocated
         corners = np.zeros((len(vertices) + 1, 3), np.float32)
         corners[:-1] = vertices
         indices = np.ascontiguousarray(faces, np.int32)
-        rtc.rtcGetDeviceError(embree.device)  # clears an older one
-        scene = rtc.rtcNewScene(embree.device)
+        rtc.rtcGetDeviceError(device)  # clears an older one
+        scene = rtc.rtcNewScene(device)
         if not scene:
             raise OSError("Embree made no scene")
         # the arrays live as long as the scene that reads them
         self._release = weakref.finalize(self, _release, rtc, scene, corners, indices)
         rtc.rtcSetSceneFlags(scene, _ROBUST)
-        geometry = rtc.rtcNewGeometry(embree.device, _TRIANGLES)
+        geometry = rtc.rtcNewGeometry(device, _TRIANGLES)
         for kind, form, array, n in (
             (_VERTEX, _FLOAT3, corners, len(vertices)),
             (_INDEX, _UINT3, indices, len(indices)),
@@ -201,11 +201,11 @@ class SharedScene(_Called):
         rtc.rtcAttachGeometry(scene, geometry)
         rtc.rtcReleaseGeometry(geometry)
         rtc.rtcCommitScene(scene)
-        code = rtc.rtcGetDeviceError(embree.device)
+        code = rtc.rtcGetDeviceError(device)
         if code:
             self._release()
             raise OSError(f"error {code} of Embree")
-        self.function = embree.intersect, scene
+        self.function = ctypes.cast(rtc.rtcIntersect1, _POINTER).value or 0, scene
 
 
 def _release(rtc: Any, scene: int, *arrays: NDArray[Any]) -> None:

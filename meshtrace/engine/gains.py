@@ -18,25 +18,12 @@ from numpy.typing import NDArray
 
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.random import Purpose, philox
-from meshtrace.kernels.tally import (
-    BODY,
-    BOTTOM,
-    DIRECT,
-    MIRRORED,
-    N_PARTS,
-    REFLECTED,
-    SCATTERED,
-)
+from meshtrace.kernels.tally import BODY, BOTTOM, DIRECT, MIRRORED, N_PARTS, REFLECTED, SCATTERED
 from meshtrace.link import Link
 from meshtrace.link.receivers import Camera
 from meshtrace.models import Floats
 from meshtrace.results.gain import ChainCounts, ScatteredSamples
-from meshtrace.results.tallies import (
-    ArrivalTally,
-    error_of_groups,
-    sums_by_group,
-    travel_time,
-)
+from meshtrace.results.tallies import ArrivalTally, error_of_groups, sums_by_group, travel_time
 from meshtrace.stored import SHIFTS
 
 Method = Literal["chains", "joined", "analog"]

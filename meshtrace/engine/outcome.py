@@ -25,15 +25,8 @@ from meshtrace.link import Link
 from meshtrace.link.link import SAME_SIDE
 from meshtrace.mesh import TriangleMesh
 from meshtrace.models import Floats
+from meshtrace.results import tallies
 from meshtrace.results.gain import Fate, FateTally, GainResult, ScatteredSamples, bound_where_dark
-from meshtrace.results.tallies import (
-    ArrivalTally,
-    MapTally,
-    Planes,
-    error_of_groups,
-    standard_error,
-    sums_by_group,
-)
 from meshtrace.stored import SHIFTS
 
 LEFT_DOMAIN_WARNING = 1e-4
@@ -86,18 +79,18 @@ def analog_result(
     # scores are sums over photons: a column for each receiver, then the columns of planes
     n, n_rx = sums.photons, len(link.receivers)
     mean = sums.score / n
-    stderr = standard_error(sums.score, sums.score_squared, n)
+    stderr = tallies.standard_error(sums.score, sums.score_squared, n)
     weights, arrivals = sums.ledger.value() / n, None
-    pairs: dict[str, Any] = {}
+    extra: dict[str, Any] = {}
     if "arrivals" in records or link.pixels > 1:
         hits = sums.all_arrivals
         table = table_of(hits, hits["weight"] / n, 1.0, link)
         arrivals = table if "arrivals" in records else None
-        pairs = by_pixel_of(table, link)
+        extra = by_pixel_of(table, link)
     grid = records.get("irradiance-map")
     gain = per_receiver(link, mean[:n_rx])
     if seed is not None:
-        pairs |= by_lamp_of(groups_by_lamp(sums, seed, link))
+        extra |= by_lamp_of(groups_by_lamp(sums, seed, link))
     return GainResult(
         gain=gain,
         gain_stderr=per_receiver(link, stderr[:n_rx]),
@@ -113,7 +106,7 @@ def analog_result(
         arrivals=arrivals,
         planes=_planes(link, sums, mean[n_rx:], stderr[n_rx:]),
         map=irradiance_map(grid, sums) if isinstance(grid, options.IrradianceMap) else None,
-        **pairs,
+        **extra,
     )
 
 
@@ -122,19 +115,19 @@ def groups_by_lamp(sums: PhotonSums, seed: int, link: Link) -> Floats:
     hits, shape = sums.all_arrivals, (len(link.transmitters), len(link.receivers))
     pair = lamps_of(hits["photon"], seed, link) * shape[1] + hits["receiver"]
     group = hits["photon"] % SHIFTS
-    groups = sums_by_group(group, hits["weight"] / sums.photons, pair, math.prod(shape))
+    groups = tallies.sums_by_group(group, hits["weight"] / sums.photons, pair, math.prod(shape))
     return groups.T.reshape(*shape, SHIFTS)
 
 
 def by_lamp_of(groups: Floats, quadrature: Floats | float = 0.0) -> dict[str, Floats]:
     """Return the fields of a result by lamp from the gain (lamps, receivers, SHIFTS) by group."""
-    stderr = np.hypot(error_of_groups(groups, axis=-1), quadrature)
+    stderr = np.hypot(tallies.error_of_groups(groups, axis=-1), quadrature)
     names = "gain_by_lamp", "gain_by_lamp_stderr", "gain_by_lamp_groups"
     return dict(zip(names, (groups.mean(axis=-1), stderr, groups), strict=True))
 
 
 def by_pixel_of(
-    table: ArrivalTally, link: Link, quadrature: Floats | float = 0.0
+    table: tallies.ArrivalTally, link: Link, quadrature: Floats | float = 0.0
 ) -> dict[str, Any]:
     """Return the fields of a result by pixel; none for receivers without pixels.
 
@@ -147,7 +140,9 @@ def by_pixel_of(
     share = pixel_groups(direct, link).mean(axis=-1)
     share /= np.maximum(share.sum(axis=1, keepdims=True), 1e-300)
     # light of one quadrature errs alike in all pixels
-    error = np.hypot(error_of_groups(groups, axis=-1), share * np.reshape(quadrature, (-1, 1)))
+    error = np.hypot(
+        tallies.error_of_groups(groups, axis=-1), share * np.reshape(quadrature, (-1, 1))
+    )
     shape = len(groups), link.pixels, link.pixels
     return {
         "gain_by_pixel": groups.mean(axis=-1).reshape(shape),
@@ -174,7 +169,7 @@ def forced_result(
         extra |= by_lamp_of(groups, pairs.quadrature.reshape(shape))
     if gains.table:
         # a quadrature shows in the groups of the gain, or beside them, but in none of its rows
-        error = np.hypot(error_of_groups(gains.direct, axis=-1), gains.quadrature)
+        error = np.hypot(tallies.error_of_groups(gains.direct, axis=-1), gains.quadrature)
         extra |= by_pixel_of(gains.table[0], link, error)
     result = GainResult(
         gain=per_receiver(link, gains.gain),
@@ -239,7 +234,7 @@ def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Floats:
             case.link, intersector, options, photons=n, seed=case.run.seed,
             normals=case.meshing.normals, threads=case.threads,
         )  # fmt: skip
-        error = standard_error(sums.score, sums.score_squared, n)
+        error = tallies.standard_error(sums.score, sums.score_squared, n)
         bound = np.maximum(sums.score / n + 2.0 * error + 3.0 * most / n, bound)
     return np.where(gain > 0.0, np.nan, bound)
 
@@ -388,7 +383,7 @@ def warn_of_cut(cut: Floats) -> None:
         )
 
 
-def _planes(link: Link, sums: PhotonSums, mean: Floats, stderr: Floats) -> Planes | None:
+def _planes(link: Link, sums: PhotonSums, mean: Floats, stderr: Floats) -> tallies.Planes | None:
     """Return the tallies of planes from the columns (4 planes,) of their scores, None without."""
     if not link.planes:
         return None
@@ -403,16 +398,16 @@ def _planes(link: Link, sums: PhotonSums, mean: Floats, stderr: Floats) -> Plane
         # a group of a single photon shows no scatter
         if sums.photons >= 2 * SHIFTS:
             groups = flux / photons[:, None, None, None]
-            error = error_of_groups(groups)
-        radiance = Planes.radiance_of(flux.sum(axis=0) / sums.photons, error)
-    return Planes(np.array(link.planes.depths), *columns, **radiance)
+            error = tallies.error_of_groups(groups)
+        radiance = tallies.Planes.radiance_of(flux.sum(axis=0) / sums.photons, error)
+    return tallies.Planes(np.array(link.planes.depths), *columns, **radiance)
 
 
-def irradiance_map(grid: options.IrradianceMap, sums: PhotonSums) -> MapTally:
+def irradiance_map(grid: options.IrradianceMap, sums: PhotonSums) -> tallies.MapTally:
     """Return the irradiance by analog photons in the cells of a map, over the power [m-2]."""
     area = grid.step**2
     cell, error = (x[:, :, 0] / area for x in sums.map_mean())
-    return MapTally(grid.axes, grid.axes, cell, error)
+    return tallies.MapTally(grid.axes, grid.axes, cell, error)
 
 
 def warn_of_lost(result: GainResult) -> None:

@@ -10,13 +10,7 @@ from numpy.typing import ArrayLike
 
 from meshtrace.checks import check_call
 from meshtrace.errors import Refused, require_array
-from meshtrace.fading.spectral import (
-    Lever,
-    excess_density,
-    open_for_fading,
-    require_spectrum,
-    slopes_seen,
-)
+from meshtrace.fading import spectral
 from meshtrace.models import Floats
 
 _DISTANCES, _AZIMUTHS = 160, 96  # nodes about a place; tuned: error against time
@@ -88,9 +82,9 @@ def gain_correlation(
         raise Refused("distances", distances, allowed)
     if not math.isfinite(azimuth_deg):
         raise Refused("azimuth_deg", azimuth_deg, "a finite angle [deg]")
-    require_spectrum(surface)
-    surface = open_for_fading(link, surface)
-    lever, spectrum, missing = slopes_seen(link, surface, surface.band.omega_max)
+    spectral.require_spectrum(surface)
+    surface = spectral.open_for_fading(link, surface)
+    lever, spectrum, missing = spectral.slopes_seen(link, surface, surface.band.omega_max)
     share = lever.aperture / link.receivers[0].radius  # of the way from the lamp to the surface
     share = share if end == "receiver" else 1.0 - share
     azimuth = math.radians(azimuth_deg - surface.wind_direction_deg)
@@ -101,7 +95,11 @@ def gain_correlation(
 
 
 def _covariances(
-    lever: Lever, spectrum: Any, missing: tuple[float, float], places: Floats, heights: bool
+    lever: spectral.Lever,
+    spectrum: Any,
+    missing: tuple[float, float],
+    places: Floats,
+    heights: bool,
 ) -> Floats:
     """Return the covariances of gains whose light crosses apart, over their squared mean.
 
@@ -132,7 +130,7 @@ def _covariances(
         xx, yy, xy, *elevation = (spline.ev(*at) for spline in splines)
         near = far[0] - 2.0 * xx, far[1] - 2.0 * yy, -2.0 * xy
         waves = np.stack(elevation) if heights else None
-        excess = excess_density(lever, offset, near, far, waves)
+        excess = spectral.excess_density(lever, offset, near, far, waves)
         # d^2R = r^2 d(ln r) d(angle)
         over_angle = excess.mean(axis=1) * 2.0 * math.pi * radius**2
         covariances.append(np.trapezoid(over_angle, np.log(radius)))

@@ -202,9 +202,8 @@ def paraxial_lever(link: Any) -> Lever:
         raise Refused("receiver", link.receiver, f"one receiver {places[other]}")
     source, receiver = link.transmitters[0], link.receivers[0]
     if tuple(source.position) != tuple(receiver.position):
-        raise Refused(
-            "receiver.position", receiver.position, f"that of the source, {source.position}"
-        )
+        allowed = f"that of the source, {source.position}"
+        raise Refused("receiver.position", receiver.position, allowed)
     leans = "tilt_deg" if down else "zenith_deg"
     tilts = {f"transmitter.{leans}": getattr(source, leans), "receiver.tilt_deg": receiver.tilt_deg}
     for name, tilt in tilts.items():
@@ -248,9 +247,8 @@ def slopes_seen(
 def require_spectrum(surface: Any) -> None:
     """Refuse a surface without a spectrum."""
     if not hasattr(surface, "slope_spectrum"):
-        raise Refused(
-            "surface", type(surface).__name__, "a sea with a spectrum: JonswapSea, SpectralSea"
-        )
+        allowed = "a sea with a spectrum: JonswapSea, SpectralSea"
+        raise Refused("surface", type(surface).__name__, allowed)
 
 
 def _covariance(

@@ -86,22 +86,16 @@ class AngleTable(NamedTuple):
 
 
 @inlined
-def _cell(table, theta):
-    """Return the index of the cell that holds an angle theta [rad]."""
-    if theta <= table.edge[0]:
-        return 0
-    # Rounding may step over the last edge, pi.
-    j = int((math.log(theta) - table.log_first) * table.per_log)
-    return min(max(j, 0), len(table.beta) - 1)
-
-
-@inlined
 def phase_at(table, theta):
     """Return the phase function [sr-1] at an angle theta [rad].
 
     Array twin: `PhaseFunction.pdf`, averaged over cells.
     """
-    return table.beta[_cell(table, theta)]
+    if theta <= table.edge[0]:
+        return table.beta[0]
+    # Rounding may step over the last edge, pi.
+    j = int((math.log(theta) - table.log_first) * table.per_log)
+    return table.beta[min(max(j, 0), len(table.beta) - 1)]
 
 
 class DepthMode(IntEnum):

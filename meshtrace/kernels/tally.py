@@ -20,7 +20,6 @@ from meshtrace.kernels.medium import Absorption, absorption_path
 from meshtrace.kernels.tints import (
     ALONE,
     TINTS,
-    Factors,
     Mixture,
     balance,
     copy_tint,
@@ -136,22 +135,11 @@ class Tallies(NamedTuple):
     radiance: NDArray[np.int64]
     grid: MapGrid
     map_tint: NDArray[np.float64]  # (tints,) scratch, sums of the path that is scored
-    map_factors: Factors  # scratch, of the same path
+    map_factors: NDArray[np.float64]  # (2, wavelengths) scratch for `fill_factors` of that path
     map: NDArray[np.int64]  # (n, n, wavelengths) scaled weights in units of 2^-44
     map_squared: NDArray[np.int64]  # (n, n, wavelengths) their squares
     arrivals: NDArray[np.void]  # (capacity,) ARRIVAL
     n_arrivals: NDArray[np.int64]  # (1,)
-
-
-class Segment(NamedTuple):
-    """A straight part of a photon's path."""
-
-    origin: Vec3
-    direction: Vec3
-    length: float  # [m]
-    weight: float  # at its start
-    water: float  # path before it, in the water [m]
-    air: float  # and in the air
 
 
 @inlined
@@ -174,21 +162,22 @@ def deposit(tallies, fate, weight):
 
 
 @inlined
-def crosses_aperture(apertures, i, flight, fov):
+def crosses_aperture(apertures, i, p, d, length, fov):
     """Return the distance to aperture i if a path meets it inside its field of view, or -1.
 
     Array twin: `tests/kernels/test_kernels_tally.py`.
-    `flight` is the `Segment` of the path. The angle is tested against the aperture's axis; the
-    paper tests the position of the surface crossing instead, which accepts a superset (E11).
+    The path starts at p along d. The angle is tested against the aperture's axis; the paper tests
+    the position of the surface crossing instead, which accepts a superset (E11 of
+    docs/paper.md).
     """
     # First the cosine, which is cheap: most light of a scattering sea heads elsewhere.
-    d, axis = flight.direction, row(apertures.axis, i)
+    axis = row(apertures.axis, i)
     facing = dot(d, axis)
     if facing <= 0.0:
         return -1.0
-    way = minus(row(apertures.center, i), flight.origin)
+    way = minus(row(apertures.center, i), p)
     t = dot(way, axis) / facing
-    if t <= 0.0 or t > flight.length:
+    if t <= 0.0 or t > length:
         return -1.0
     off = minus(scaled(t, d), way)  # from the centre to the point on the disk
     r = apertures.radius[i]
@@ -213,45 +202,45 @@ def _transmission(medium, z0, z1, length):
 
 
 @inlined
-def score_apertures(q, in_water, flight, world):
+def score_apertures(q, in_water, d, weight, length, world):
     """Score a straight path of a photon on every aperture of a medium; return whether any took it.
 
     Array twin: the analytic disk integrals of the flat-sea tests.
-    q is the record of the photon, `flight` the `Segment` of its path, world all that it meets
-    (`engine.photons.state.World`). Water absorbs up to the disk. A photon is counted wherever its
-    path passes through the disk and never stopped there: light behind a receiver is that of a
+    q is the record of the photon, where the path starts along d with `weight`, world all that it
+    meets (`engine.photons.state.World`). Water absorbs up to the disk. A photon is counted wherever
+    its path passes through the disk and never stopped there: light behind a receiver is that of a
     receiver which hides nothing.
     """
-    received, tallies, apertures = False, world.tallies, world.apertures
+    received, tallies, apertures, p = False, world.tallies, world.apertures, Vec3(q.x, q.y, q.z)
     for i in range(len(apertures.radius)):
         if apertures.in_water[i] != in_water:
             continue
-        t = crosses_aperture(apertures, i, flight, world.interface.fov)
+        t = crosses_aperture(apertures, i, p, d, length, world.interface.fov)
         if t < 0.0:
             continue
         # An aperture is no obstacle: light goes on, and may be scored by several.
         received = True
-        w, z = flight.weight, flight.origin.z
+        w = weight
         # the weight is that at the start: absorption follows at the end of a path, after its scores
         if in_water:
-            w *= _transmission(world.medium, z, z + t * flight.direction.z, t)
+            w *= _transmission(world.medium, p.z, p.z + t * d.z, t)
         tallies.score[q.id - world.first, i] += w
         n = keep_arrival(tallies, q.id, i, w, world.tints, q.tint)
         if n >= 0:
             a = tallies.arrivals[n]
-            a.water = flight.water + (t if in_water else 0.0)
-            a.air = flight.air + (0.0 if in_water else t)
+            a.water = q.water + (t if in_water else 0.0)
+            a.air = q.air + (0.0 if in_water else t)
             a.order = q.turned
-            write(a.way, flight.direction)
+            write(a.way, d)
             a.part = _part_of(q, apertures.same_side)
             if in_water:
-                tint_way(world.tints, a.tint, z, z + t * flight.direction.z, t)
+                tint_way(world.tints, a.tint, p.z, p.z + t * d.z, t)
     return received
 
 
 @inlined
 def _part_of(q, same_side):
-    """Return the part of the light that a photon belongs to, `DIRECT` ... `BOTTOM`."""
+    """Return the part of the light that a photon belongs to, `DIRECT` ... `BODY`."""
     if same_side:
         # light that was never turned is straight, or a mirror image
         return q.turned_by if q.turned > 0 or q.crossings == 0 else MIRRORED
@@ -277,22 +266,22 @@ def keep_arrival(store, photon, receiver, weight, tints, log_weights):
 
 
 @outlined
-def score_planes(tallies, column, index, flight, medium):
-    """Score a straight path in water on the irradiance planes it crosses.
+def score_planes(q, length, world):
+    """Score a straight path of a photon in water on the irradiance planes it crosses.
 
     Array twin: exp(-a z) of a beam in absorbing water.
-    `index` is the number of the photon in the chunk, `column` the first score of the first plane.
     Plane irradiances take the weight, scalar ones the weight over the |cosine| to the vertical.
     """
+    tallies, index, d = world.tallies, q.id - world.first, Vec3(q.dx, q.dy, q.dz)
+    column = len(world.apertures.radius)  # scores of planes follow those of the apertures
     # few planes: each is tested, without a search for those between z0 and z1
-    d, z0 = flight.direction, flight.origin.z
-    z1 = z0 + flight.length * d.z
+    z0, z1 = q.z, q.z + length * d.z
     for k in range(len(tallies.planes)):
         h = tallies.planes[k]
         if (z0 - h) * (z1 - h) > 0.0 or z0 == z1 or h == z1:
             continue
-        before = flight.length * (z0 - h) / (z0 - z1)
-        w = flight.weight * _transmission(medium, z0, h, before)
+        before = length * (z0 - h) / (z0 - z1)
+        w = q.weight * _transmission(world.medium, z0, h, before)
         # A level that the path starts on counts, one that it ends on does not: each crossing once.
         scores = tallies.score[index, column + N_PLANE_SCORES * k :]
         scores[(PlaneScore.E_D if d.z < 0.0 else PlaneScore.E_U).value] += w
@@ -307,38 +296,38 @@ def score_planes(tallies, column, index, flight, medium):
 
 
 @inlined
-def score_map(tallies, flight, medium, tints, log_weights):
-    """Add a path to the map on the receiver plane, if within the field of view.
+def score_map(q, d, weight, length, world):
+    """Add a path of a photon along d to the map on the receiver plane, if in the field of view.
 
     Array twin: numpy.histogram2d of recorded paths.
-    `flight` is the `Segment` of the path.
     """
-    d, grid = flight.direction, tallies.grid
+    tallies, grid = world.tallies, world.tallies.grid
     # the cheap tests first: most paths end here
     if grid.n == 0 or d.z == 0.0:
         return
     facing = dot(d, grid.axis)
     if facing < grid.cos * norm(d):
         return
-    t = (grid.z - flight.origin.z) / d.z
-    if t <= 0.0 or t > flight.length:
+    t = (grid.z - q.z) / d.z
+    if t <= 0.0 or t > length:
         return
-    p = along(flight.origin, d, t)
+    p = along(Vec3(q.x, q.y, q.z), d, t)
     i = math.floor((p.x - grid.x) / grid.step)
     j = math.floor((p.y - grid.y) / grid.step)
     if 0 <= i < grid.n and 0 <= j < grid.n:
         # Irradiance of the level plane is weight over area; that of an aperture across its axis is
         # d . axis / |d_z| times as large.
-        w = flight.weight * facing / abs(d.z)
+        w = weight * facing / abs(d.z)
         here = tallies.map_tint
-        copy_tint(tints, log_weights, here)
+        copy_tint(world.tints, q.tint, here)
         if grid.z < 0.0:
-            w *= _transmission(medium, flight.origin.z, grid.z, t)
-            tint_way(tints, here, flight.origin.z, grid.z, t)
+            w *= _transmission(world.medium, q.z, grid.z, t)
+            tint_way(world.tints, here, q.z, grid.z, t)
         # Photons traced at several wavelengths may bring this light, see `tints.Mixture`.
         w *= balance(grid.mixture, here)
         fill_factors(grid.mixture, here, tallies.map_factors)
+        factors = tallies.map_factors[0]
         for k in range(len(grid.scale)):
-            scaled_weight = w * tallies.map_factors.values[k] * grid.scale[k]
+            scaled_weight = w * factors[k] * grid.scale[k]
             tallies.map[i, j, k] += units(scaled_weight)
             tallies.map_squared[i, j, k] += units(scaled_weight * scaled_weight)

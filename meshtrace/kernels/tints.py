@@ -144,94 +144,73 @@ def balance(mixture, log_weights):
     return base_density / total
 
 
-class Factors(NamedTuple):
-    """Scratch for the factors of all wavelengths on one path."""
-
-    values: NDArray[np.float64]  # (wavelengths,)
-    powers: NDArray[np.float64]  # (wavelengths,)
-    bits: NDArray[np.int64]  # the memory of `powers` as integers
-
-
-def factors_of(wavelengths: int) -> Factors:
-    """Return scratch for a number of wavelengths."""
-    powers = np.empty(wavelengths)
-    return Factors(np.empty(wavelengths), powers, powers.view(np.int64))
-
-
 @inlined
 def fill_factors(mixture, log_weights, factors):
-    """Write the factors of all wavelengths over the base on a path.
+    """Write the factors of all wavelengths over the base on a path to row 0 of `factors`.
 
     Array twin: `Tinting.factors`.
+    `factors` has the shape (2, wavelengths): row 1 is scratch for `exponentiate`.
     """
-    factors.values[:] = 0.0
+    factors[0, :] = 0.0
     _add_tint(mixture, log_weights, factors)
 
 
 @inlined
 def _add_tint(mixture, log_weights, factors):
-    """Add the logarithms of a path to those in `factors.values`, and exponentiate the sums."""
-    logs = factors.values
+    """Add the logarithms of a path to those in row 0 of `factors`, and exponentiate the sums."""
+    logs = factors[0]
     for r in range(len(mixture.shares)):
         summed, row = log_weights[r], mixture.shares[r]
         for c in range(len(logs)):
             logs[c] += summed * row[c]
-    exponentiate(logs, factors.powers, factors.bits)
-
-
-class LastScattering(NamedTuple):
-    """Factors, relative to the base, on sunlight that is scattered into the end of a path.
-
-    Tables that are linear between nodes, in the depth and in the angle, and go on along a straight
-    line below the last depth.
-    """
-
-    step: float  # of the depth [m]
-    log: NDArray[np.float64]  # (nodes, wavelengths) logarithm of the factor of the depth
-    phase: NDArray[np.float64]  # (angles, wavelengths) factor of the angle, from 0 to pi
+    exponentiate(logs, factors[1])
 
 
 @entry
-def add_tinted(arrivals, score, group, mixture, last, factors, out):
-    """Add the recorded light of one score, at all wavelengths, to the sums of groups of photons.
+def add_tinted(arrivals, group, mixture, step, log, phase, factors, out):
+    """Add recorded light, at all wavelengths, to the sums of groups of photons.
 
     Array twin: `Tinting.mixed`.
+    The factors of the last scattering, `log` and `phase`, are linear between nodes, and go on along
+    a straight line below the last depth.
 
     Parameters
     ----------
-    arrivals, score : ndarray of `ARRIVAL`, int
-        Recorded light, and the score that counts, the field `receiver`. Backward photons record the
-        height of the last scattering [m] in `air` and its angle [rad] in `water`.
+    arrivals : ndarray of `ARRIVAL`
+        Recorded light. Backward photons record the height of the last scattering [m] in `air` and
+        its angle [rad] in `water`.
     group : ndarray, shape (photons,)
         Group of each photon.
     mixture : Mixture
         Base of the photons, and factors of the wavelengths.
-    last : LastScattering
-        Factors of the last scattering.
-    factors : Factors
-        Scratch.
+    step : float
+        Step of the depth in `log` [m].
+    log : ndarray, shape (nodes, wavelengths)
+        Logarithm of the factor of the depth of the last scattering.
+    phase : ndarray, shape (angles, wavelengths)
+        Factor of its angle, from 0 to pi.
+    factors : ndarray, shape (2, wavelengths)
+        Scratch, as of `fill_factors`.
     out : ndarray, shape (groups, wavelengths)
         Sums, added to.
     """
-    per_angle = (len(last.phase) - 1) / math.pi
+    per_angle = (len(phase) - 1) / math.pi
     for i in range(len(arrivals)):
         a = arrivals[i]
-        if a.receiver != score:
-            continue
         # Each base alone would give the whole light: the heuristic shares it between them.
         weight = a.weight * balance(mixture, a.tint)
-        position = max(-a.air, 0.0) / last.step
-        j = min(int(position), len(last.log) - 2)
+        position = max(-a.air, 0.0) / step
+        j = min(int(position), len(log) - 2)
         # f and g: fractions of the steps in depth and in angle
         f, angle = position - j, a.water * per_angle
-        m = min(max(int(angle), 0), len(last.phase) - 2)
+        m = min(max(int(angle), 0), len(phase) - 2)
         g = angle - m
-        logs, sums = factors.values, out[group[a.photon]]
-        above, below = last.log[j], last.log[j + 1]
+        logs, sums = factors[0], out[group[a.photon]]
+        above, below = log[j], log[j + 1]
         for c in range(len(logs)):
             logs[c] = (1.0 - f) * above[c] + f * below[c]
         _add_tint(mixture, a.tint, factors)
-        smaller, larger = last.phase[m], last.phase[m + 1]
+        smaller, larger = phase[m], phase[m + 1]
         for c in range(len(logs)):
             sums[c] += weight * logs[c] * ((1.0 - g) * smaller[c] + g * larger[c])
 
@@ -285,7 +264,7 @@ _C2, _C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10, _C11, _C12 = (
 
 
 @inlined
-def exponentiate(x, powers, bits):
+def exponentiate(x, powers):
     """Replace numbers (n,) by their exponentials, to 3e-16; those beyond +-700 by the one there.
 
     Array twin: `numpy.exp`.
@@ -297,9 +276,10 @@ def exponentiate(x, powers, bits):
     ----------
     x : ndarray, shape (n,)
         Numbers.
-    powers, bits : ndarray, shape (n,)
-        Scratch: powers of two, and the same memory as 64-bit integers.
+    powers : ndarray, shape (n,)
+        Scratch for powers of two.
     """
+    bits = powers.view(np.int64)  # the same memory as integers
     for c in range(len(x)):
         # exp(x) = 2^k exp(r): k = round(x / ln 2) by adding and subtracting 1.5 * 2^52, which
         # leaves k in the lowest bits of `rounded`, and r = x - k ln 2 in two steps that lose no

@@ -292,9 +292,8 @@ def _good(data: Any, name: str, profile: int) -> Floats:
         part = part.isel(N_PROF=profile) if "N_PROF" in part.dims else part
         values = valid_values(part[variable])
         if values.ndim > 1:
-            raise Refused(
-                variable, Described(f"dimensions {part[variable].dims}"), "levels of a profile"
-            )
+            dims = Described(f"dimensions {part[variable].dims}")
+            raise Refused(variable, dims, "levels of a profile")
         if f"{variable}_QC" in part:
             flags = np.asarray(part[f"{variable}_QC"]).astype("S1")
             if flags.shape != values.shape:

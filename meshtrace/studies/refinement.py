@@ -33,6 +33,7 @@ from meshtrace.results.tallies import error_of_groups
 from meshtrace.stored import SHIFTS, Variable
 from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.cluster import Restored
+from meshtrace.surfaces.waves import WaveComponents
 
 # tilted by waves, light crosses beyond its reach over still water
 _MARGIN = 2.0  # [m] of mesh beyond the farthest crossing to the receiver; tuned: time, light missed
@@ -353,7 +354,7 @@ def _finely_meshed(
     return gains[1], gains[1] + (gains[1] - gains[0]) / 3.0
 
 
-def _direct(waves: analytic.Waves, scene: Scene, crossings: Floats, rings: int) -> float:
+def _direct(waves: WaveComponents, scene: Scene, crossings: Floats, rings: int) -> float:
     """Return the unscattered gain over the exact surface by quadrature over the aperture."""
     points = _aperture_points(rings)
     # room for the crossings of one point, at most one from each start
@@ -387,16 +388,13 @@ def _aperture_points(rings: int) -> Chains:
     )
 
 
-def waves_at(sea: WaveSum, time: float, frame: Frame = IDENTITY) -> analytic.Waves:
-    """Return arrays of the waves of a sea at one time, for the kernels, in a local frame."""
+def waves_at(sea: WaveSum, time: float, frame: Frame = IDENTITY) -> WaveComponents:
+    """Return the waves of a sea in a local frame, whose time 0 is `time`."""
     waves = sea.components
-    return analytic.Waves(
-        np.ascontiguousarray(waves.amplitude) / frame.unit,
-        np.ascontiguousarray(waves.kx) * frame.unit,
-        np.ascontiguousarray(waves.ky) * frame.unit,
-        # an origin moved by x = (x, y) changes the phase of each wave by -k.x
-        waves.omega * time + waves.phase - waves.kx * frame.x - waves.ky * frame.y,
-    )
+    amplitude, kx, ky = waves.amplitude / frame.unit, waves.kx * frame.unit, waves.ky * frame.unit
+    # an origin moved by x = (x, y) changes the phase of each wave by -k.x
+    phase = waves.omega * time + waves.phase - waves.kx * frame.x - waves.ky * frame.y
+    return WaveComponents(*map(np.ascontiguousarray, (amplitude, waves.omega, kx, ky, phase)))
 
 
 def is_wave_sum(sea: Any) -> TypeGuard[WaveSum]:

@@ -10,7 +10,7 @@ import pytest
 from mc_statistics import z_test
 
 import meshtrace as mt
-from meshtrace.engine.backward import background
+from meshtrace.engine.backward import walk
 from meshtrace.errors import Refused
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.optics import FournierForand
@@ -164,7 +164,7 @@ def test_walk_equals_the_quasi_single_approximation():
 
 def test_blurred_phase_functions_keep_their_probability():
     phase = FournierForand()
-    table = background.blurred_phase(phase)
+    table = walk.blurred_phase(phase)
     theta = np.linspace(0.0, math.pi, len(table))
     total = 2.0 * math.pi * np.trapezoid(table * np.sin(theta), theta)
     assert total == pytest.approx(1.0, rel=2e-3)
@@ -193,5 +193,5 @@ def test_threads_and_batches_change_no_digit(monkeypatch):
     whole = radiance(1)
     # batches of few rays, which threads share
     small = partial(mt.Analog.model_construct, batch_size=64)
-    monkeypatch.setattr(background, "Analog", small)
+    monkeypatch.setattr(walk, "Analog", small)
     assert radiance(1) == radiance(2) == whole

@@ -6,7 +6,7 @@ from numba import typeof
 
 import meshtrace as mt
 from meshtrace.engine import bvh
-from meshtrace.engine.backward.background import _last_scattering
+from meshtrace.engine.backward.walk import _last_scattering
 from meshtrace.engine.setup.arrays import surface_arrays
 from meshtrace.kernels import scene
 from meshtrace.mesh import TriangleMesh, vertex_normals

@@ -8,13 +8,13 @@ import pytest
 
 import meshtrace as mt
 from meshtrace.engine.photons import analog
-from meshtrace.engine.photons.state import PHOTON
+from meshtrace.engine.photons.state import PHOTON, heading
 from meshtrace.engine.setup import arrays
 from meshtrace.kernels import jit, vectors
 from meshtrace.kernels import tally as kernel
 from meshtrace.kernels.interface import FieldOfView, Interface
 from meshtrace.kernels.medium import Medium
-from meshtrace.kernels.tints import ALONE, NO_TINTS, factors_of
+from meshtrace.kernels.tints import ALONE, NO_TINTS
 from meshtrace.kernels.vectors import row
 
 
@@ -29,27 +29,29 @@ class Sea(NamedTuple):
     tints: None
 
 
+LINK = mt.Link()  # one aperture: the scores of planes start in the second column
+
+
 @jit.allocating_entry
 def distances(apertures, i, origins, directions, length, fov):
     out = np.empty(len(origins))
     for k in range(len(origins)):
-        flight = kernel.Segment(row(origins, k), row(directions, k), length, 1.0, 0.0, 0.0)
-        out[k] = kernel.crosses_aperture(apertures, i, flight, fov)
+        p, d = row(origins, k), row(directions, k)
+        out[k] = kernel.crosses_aperture(apertures, i, p, d, length, fov)
     return out
 
 
 @jit.allocating_entry
-def planes(tallies, origins, directions, length, weight, medium):
-    for k in range(len(origins)):
-        flight = kernel.Segment(row(origins, k), row(directions, k), length[k], weight, 0.0, 0.0)
-        kernel.score_planes(tallies, 1, k, flight, medium)
+def scored_on_planes(world, photons, length):
+    for k in range(len(photons)):
+        kernel.score_planes(photons[k], length[k], world)
 
 
 @jit.allocating_entry
-def mapped(tallies, origins, directions, weight, medium):
-    for k in range(len(origins)):
-        flight = kernel.Segment(row(origins, k), row(directions, k), math.inf, weight[k], 0.0, 0.0)
-        kernel.score_map(tallies, flight, medium, NO_TINTS, np.zeros(8))
+def scored_on_map(world, photons):
+    for k in range(len(photons)):
+        q = photons[k]
+        kernel.score_map(q, heading(q), q.weight, math.inf, world)
 
 
 @jit.allocating_entry
@@ -59,22 +61,44 @@ def deposits(tallies, weights):
 
 
 @jit.allocating_entry
-def scored(world, photons, origins, directions, length, weight):
-    hit = np.zeros(len(origins), np.bool_)
-    for k in range(len(origins)):
-        flight = kernel.Segment(row(origins, k), row(directions, k), length, weight, 100.0, 7.0)
-        hit[k] = kernel.score_apertures(photons[k], True, flight, world)
+def scored(world, photons, length):
+    hit = np.zeros(len(photons), np.bool_)
+    for k in range(len(photons)):
+        q = photons[k]
+        hit[k] = kernel.score_apertures(q, True, heading(q), q.weight, length, world)
     return hit
 
 
-def scores_in_water(link, tallies, medium, origins, *path):
-    """Score paths on the apertures of a link, in the way of photons 0, 1, ..."""
+def photons_along(origins, directions, weight):
+    """Return the photons 0, 1, ... under way, after 100 m in the water and 7 m in the air."""
     photons = np.zeros(len(origins), PHOTON)
     photons["id"] = np.arange(len(origins))
-    world = Sea(
-        0, arrays.aperture_arrays(link), arrays.interface_arrays(link), tallies, medium, NO_TINTS
-    )
-    return scored(world, photons, origins, *path)
+    photons["weight"], photons["water"], photons["air"] = weight, 100.0, 7.0
+    for name, values in zip(("x", "y", "z"), np.transpose(origins), strict=True):
+        photons[name] = values
+    for name, values in zip(("dx", "dy", "dz"), np.transpose(directions), strict=True):
+        photons[name] = values
+    return photons
+
+
+def sea_of(tallies, medium, link=LINK):
+    apertures, interface = arrays.aperture_arrays(link), arrays.interface_arrays(link)
+    return Sea(0, apertures, interface, tallies, medium, NO_TINTS)
+
+
+def planes(tallies, origins, directions, length, weight, medium):
+    photons = photons_along(origins, directions, weight)
+    scored_on_planes(sea_of(tallies, medium), photons, length)
+
+
+def mapped(tallies, origins, directions, weight, medium):
+    scored_on_map(sea_of(tallies, medium), photons_along(origins, directions, weight))
+
+
+def scores_in_water(link, tallies, medium, origins, directions, length, weight):
+    """Score paths of photons on the apertures of a link."""
+    world = sea_of(tallies, medium, link)
+    return scored(world, photons_along(origins, directions, weight), length)
 
 
 def absorbing(a):
@@ -112,7 +136,7 @@ def tallies_of(
             scale=np.array([1.0, 4.0]),
         ),
         map_tint=np.zeros(0),
-        map_factors=factors_of(2),
+        map_factors=np.empty((2, 2)),
         map=np.zeros((cells, cells, 2), np.int64),
         map_squared=np.zeros((cells, cells, 2), np.int64),
         arrivals=np.zeros(arrivals, kernel.ARRIVAL),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numba import float64, njit
 
-from meshtrace.kernels import jit
+from meshtrace.kernels import jit, linker
 
 
 @jit.outlined
@@ -69,14 +69,14 @@ def test_plain_numba_calls_functions_below():
     assert njit(lambda x: root(x) + quarter(x))(16.0) == 6.0
 
 
-@pytest.mark.skipif(not jit._LINKED, reason="linking is for one release of numba")
+@pytest.mark.skipif(not linker.LINKED, reason="linking is for one release of numba")
 def test_only_entry_points_are_optimised_and_emitted(kernel):
     compiled = kernel()
     result(compiled)
     (library,) = (o.library for o in compiled.overloads.values())
-    assert isinstance(library, jit.Whole)
+    assert isinstance(library, linker.Whole)
     (part,) = (o.library for o in root.overloads.values())
-    assert isinstance(part, jit.Part)
+    assert isinstance(part, linker.Part)
     assert part.get_pointer_to_function(part.name) == 0
 
 
@@ -86,7 +86,7 @@ def test_a_saved_entry_point_raises_the_same(kernel):
         kernel()(-X, np.empty(3))
 
 
-@pytest.mark.skipif(not jit._LINKED, reason="linking is for one release of numba")
+@pytest.mark.skipif(not linker.LINKED, reason="linking is for one release of numba")
 def test_kernels_do_not_call_entry_points(kernel):
     """Neither one just compiled nor one restored from the cache, whose code is a stub."""
 
@@ -100,7 +100,7 @@ def test_kernels_do_not_call_entry_points(kernel):
     assert [refused(), refused()] == [0, 1]
 
 
-@pytest.mark.skipif(not jit._LINKED, reason="linking is for one release of numba")
+@pytest.mark.skipif(not linker.LINKED, reason="linking is for one release of numba")
 def test_a_saved_entry_point_holds_no_objects_of_the_functions_below(kernel):
     """Loading them takes five times as long as the code, and imports numba's own functions."""
     compiled = kernel()
@@ -166,7 +166,7 @@ def code_of(compiled):
     return sum(1 for block in blocks for _ in block.instructions)
 
 
-@pytest.mark.skipif(not jit._LINKED, reason="linking is for one release of numba")
+@pytest.mark.skipif(not linker.LINKED, reason="linking is for one release of numba")
 def test_a_tuple_that_is_handed_on_costs_no_code():
     """Numba passes its scalars one by one, and copies it at each use in another block."""
     sizes = []

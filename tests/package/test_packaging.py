@@ -16,7 +16,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from meshtrace.errors import Refused, extra
-from meshtrace.kernels import jit
+from meshtrace.kernels import linker
 from meshtrace.scenario import Scenario
 
 ROOT = Path(__file__).parents[2]
@@ -126,7 +126,7 @@ def test_a_run_with_compiled_kernels_loads_no_more_than_it_needs():
     Scenario.from_toml("").simulate()  # compiles, if need be
     groups = ("constants", "integrate", "interpolate", "linalg", "optimize", "special", "stats")
     scipy = {f"scipy.{name}" for name in groups}  # and by compilation
-    compilation = {"numba.cpython.unicode", "numba.np.arrayobj"} if jit._LINKED else set()
+    compilation = {"numba.cpython.unicode", "numba.np.arrayobj"} if linker.LINKED else set()
     others = {"pandas", "h5py", "miepython", "rich.progress", "meshtrace.comms.ook"}
     needed = {"numba", "scipy"}  # numba imports the outermost package
     loaded = modules_after(code) & ((HEAVY - needed) | scipy | compilation | others)

@@ -1,1 +1,15 @@
-"""Background light: photons followed from the receiver to the sky and the sun."""
+"""Background light: rays and photons from the receiver back to the sky and the sun.
+
+Radiance over the squared index is constant along a ray but for losses, so that light may be
+followed from the small receiver to the wide sky: the power collected is
+
+    P = A int L cos(theta) dOmega = pi A sin^2(psi) <L>
+
+with <L> the mean over directions drawn by the cosine law inside the field of view, psi half of it.
+The sun is too small to be met by chance, and is connected at each reflection, crossing or
+collision.
+
+Read `background` (the parts of the light, and the public function), `view` (rays of a receiver, and
+facets that bend the sun to it) and `walk` (photons that scatter in the water). The laws of glint
+and of light out of the water are those of `meshtrace.daylight.upward`.
+"""

@@ -3,7 +3,8 @@
 `AimedChains` has one surface, in the local frame of a link (lengths over `link.frame.unit`), and
 calls the kernels of chains (`gain`), of unscattered light through smooth facets (`unscattered`) and
 through facets with random slopes (`microfacets`). Scores and gains are shares of the power of a
-source that arrive at a receiver.
+source that arrive at a receiver. `source` and `receiver` are indices of emitters and targets of the
+`ForcedLink`: chains of a downlink run against the light, and there the emitter is the receiver.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains import gain as kernel
-from meshtrace.engine.chains import microfacets
+from meshtrace.engine.chains import microfacets, pencils
 from meshtrace.engine.chains import unscattered as image
 from meshtrace.engine.chains.gain import Counter, tint_chains, tint_straight
 from meshtrace.engine.chains.sets import ChainDrawer, ChainSet, Request, Scores
@@ -72,7 +73,7 @@ class Quadrature(NamedTuple):
 
     gain: float  # of all facets
     at: Vec3 | None  # point of the source, None for its centre
-    # whether Gauss nodes between rims were used, see `microfacets.Work`, or bodies cast shadows
+    # whether Gauss nodes between rims were used, see `pencils.Work`, or bodies cast shadows
     lenses: bool = False
     cut_short: float = 0.0  # gain of facets that were not cut as finely as they should be
     # over smooth surfaces alone, every `stride`-th facet that brings light, and what it brings
@@ -397,8 +398,8 @@ class AimedChains:
             nodes = self.nodes.setdefault(pair, _disk_nodes(scene.target.radius / self.blur(scene)))
             rule = _rule(nodes, longer)
             blocks = self._blocks if facets is None else _one_block(facets)
-            coarse, work = np.zeros(len(gain), bool), np.zeros(len(microfacets.Work))
-            work[microfacets.Work.LEFT] = _MOST_NODES
+            coarse, work = np.zeros(len(gain), bool), np.zeros(len(pencils.Work))
+            work[pencils.Work.LEFT] = _MOST_NODES
             with for_thread(self.link.bodies) as bodies:
                 scene = scene._replace(bodies=bodies)
                 microfacets.blurred_gain(scene, rule, blocks, stack, coarse, work, gain)
@@ -601,7 +602,7 @@ def _disk_nodes(blur: float) -> Nodes:
 
 
 @cache
-def _rule(on_disk: Nodes, longer: float) -> microfacets.Rule:
+def _rule(on_disk: Nodes, longer: float) -> pencils.Rule:
     """Return the quadratures over an aperture, with rings at Gauss's nodes of the area."""
     rings, around = on_disk or (1, 1)
     if longer > 1.0:
@@ -615,8 +616,8 @@ def _rule(on_disk: Nodes, longer: float) -> microfacets.Rule:
     shares = np.repeat(0.5 * weights / around, around)
     finer = _FEWER if longer > 1.0 else 1.0
     wide = on_disk is None
-    about_half, gauss_weights = gauss_rules(microfacets.GAUSS)
-    return microfacets.Rule(
+    about_half, gauss_weights = gauss_rules(pencils.GAUSS)
+    return pencils.Rule(
         points.reshape(-1, 2), shares, wide, 0.5 + about_half, gauss_weights, longer, finer
     )
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from meshtrace.engine.chains import microfacets, random_slopes, unscattered
+from meshtrace.engine.chains import microfacets, pencils, random_slopes, unscattered
 from meshtrace.engine.chains.gain import straight_factors
 from meshtrace.engine.crossing import acceptance, aim_at, is_steep, straight_shot, transmittance
 from meshtrace.kernels.interface import corners, exposure, normal_at
@@ -163,7 +163,7 @@ def _triangle_cells(triangle, f, cells, poly, shot, scene, colours, gain):
                 radiant = _radiant(at.x, at.y, f, shot, scene)
                 if radiant > 0.0:
                     straight_factors(source, at, colours)
-                    factors = colours.factors.values
+                    factors = colours.factors[0]
                     for colour in range(len(factors)):
                         gain[k, m, colour] += omega * share * radiant * factors[colour]
 
@@ -301,8 +301,8 @@ def _cells_in_reach(p, way, m, f, size, most, cells, scene):
     det = g11 * g22 - g12 * g21
     if not ok or det == 0.0:
         return whole
-    # bounding box of the ellipse |G x| <= MOST_SLOPE, as in `microfacets._spot`
-    reach = microfacets.BENT * random_slopes.MOST_SLOPE / abs(det)
+    # bounding box of the ellipse |G x| <= MOST_SLOPE, as in `pencils.spot_of`
+    reach = pencils.BENT * random_slopes.MOST_SLOPE / abs(det)
     dx = reach * math.sqrt(g12 * g12 + g22 * g22) + size
     dy = reach * math.sqrt(g11 * g11 + g21 * g21) + size
     square = g11 * g11 + g12 * g12 + g21 * g21 + g22 * g22
@@ -343,7 +343,7 @@ def _blurred_part(part, box, cells, rules, scene, colours, gain):
 
     Array twin: see `blurred_map`.
     """
-    pencil = microfacets.pencil_to(part, scene)
+    pencil = pencils.pencil_to(part, scene)
     if pencil.intensity == 0.0:
         return
     tau = depth_between(scene.medium, scene.emitter.position, pencil.middle, pencil.length)
@@ -355,13 +355,14 @@ def _blurred_part(part, box, cells, rules, scene, colours, gain):
         for m in range(box.south, box.north + 1):
             y = cells.y + (m + 0.5) * cells.step
             across = box.across
-            inside, _ = microfacets.margin(pencil.middle, Vec2(x, y), scene)
+            inside, _ = pencils.margin(pencil.middle, Vec2(x, y), scene)
             if abs(inside) < 0.75 * cells.step:  # the edge of the field of view may pass through
                 across = max(across, min(4 * across, _AT_EDGE))
             collected = flux * _blur(pencil, x, y, cells, across, rules, scene)
             if collected > 0.0:
-                for colour in range(len(colours.factors.values)):
-                    gain[k, m, colour] += collected * colours.factors.values[colour]
+                factors = colours.factors[0]
+                for colour in range(len(factors)):
+                    gain[k, m, colour] += collected * factors[colour]
 
 
 @outlined

@@ -43,7 +43,6 @@ from meshtrace.kernels.rays import is_free
 from meshtrace.kernels.scene import FLAT_SEA, height_on, locate
 from meshtrace.kernels.sources import intensity
 from meshtrace.kernels.tints import (
-    Factors,
     Mixture,
     Tints,
     fill_factors,
@@ -422,14 +421,17 @@ def keep(chains, i, w, path, place, n, scene, out):
     Array twin: none, sums.
     `place` is the index of the score, n the number of arrivals before; returned is that after.
     """
+    aim, bodies = path.aim, scene.bodies
     clear = path.steep or _is_clear(chains, i, path, scene)
-    if not clear or _is_shadowed(path, scene.bodies):
+    # beside bodies chains have no scatterings: their paths are two straight ways
+    clear = clear and not is_hidden(path.start, aim.w, aim.length, bodies)
+    if not clear or is_hidden(path.point, aim.r, aim.flight, bodies):
         # The estimator has no second crossing: light that meets another wave is left out.
         out.counters[Counter.BLOCKED.value] += 1
         return n
     out.score[place] += w
     if n < len(out.arrivals):
-        a, aim = out.arrivals[n], path.aim
+        a = out.arrivals[n]
         a.chain, a.weight = place, w
         a.water, a.air = chains.path[i] + aim.length, aim.flight
         write(a.point, path.point)
@@ -534,15 +536,6 @@ def _transmit(chains, i, aim, p, start, scene):
     return weight * math.exp(-tau), deep
 
 
-@inlined
-def _is_shadowed(path, bodies):
-    """Return whether a body cuts a chain off: one without scatterings, as all beside bodies."""
-    aim, p = path.aim, path.point
-    if is_hidden(path.start, aim.w, aim.length, bodies):
-        return True
-    return is_hidden(p, aim.r, aim.flight, bodies)
-
-
 @outlined
 def _is_clear(chains, i, path, scene):
     """Return whether no wave cuts a segment of the path of a `Crossing`.
@@ -577,7 +570,8 @@ class Colours(NamedTuple):
     mixture: Mixture
     clear: Medium  # water with b = 0: its `scattering_path` is that of the bubbles alone
     log_weights: NDArray[np.float64]  # (tints,) scratch: logarithms along the path
-    factors: Factors  # of the wavelengths, on the weight of the last path
+    # (2, wavelengths) row 0: factors on the weight of the last path; row 1: scratch
+    factors: NDArray[np.float64]
 
 
 @outlined

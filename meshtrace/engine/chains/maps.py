@@ -18,7 +18,7 @@ from meshtrace.engine.setup.options import IrradianceMap
 from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.errors import Refused
 from meshtrace.kernels.scene import Emitter, Target
-from meshtrace.kernels.tints import ALONE, factors_of
+from meshtrace.kernels.tints import ALONE
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link, Receiver, WaterSource
 from meshtrace.mesh import TriangleMesh
@@ -108,7 +108,7 @@ def _image(
         mixture=tinting._replace(bases=()).mixture(0, ALONE.parts),
         clear=aimed.clear,
         log_weights=np.zeros(n_tints),
-        factors=factors_of(n_colours),
+        factors=np.empty((2, n_colours)),
     )
     stretch, lever, bend = aimed.bounds_of(scene)
     if not aimed.rough:

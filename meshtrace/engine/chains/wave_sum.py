@@ -11,9 +11,6 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from meshtrace.engine import crossing
 from meshtrace.engine.chains.gain import shot_of, weigh, weight_of
 from meshtrace.kernels.jit import ZERO, entry, inlined, outlined
@@ -34,15 +31,6 @@ class Moved(IntEnum):
     MERGED = 2  # lead to the same exact crossing as one before
 
 
-class Waves(NamedTuple):
-    """Plane waves at one instant, z = sum a cos(phase - kx x - ky y)."""
-
-    amplitude: NDArray[np.float64]  # (n,) [m]
-    kx: NDArray[np.float64]  # (n,) [rad m-1]
-    ky: NDArray[np.float64]  # (n,) [rad m-1]
-    phase: NDArray[np.float64]  # (n,) at the origin and this instant [rad]
-
-
 class Shape(NamedTuple):
     """Elevation [m], slopes and second derivatives [m-1] of the sea at a point."""
 
@@ -56,7 +44,7 @@ class Shape(NamedTuple):
 
 @outlined
 def shape_at(waves, x, y):
-    """Return the `Shape` at (x, y).
+    """Return the `Shape` at (x, y) of waves at time 0, z = sum a cos(phase - kx x - ky y).
 
     Array twin: `meshtrace.surfaces.waves.sum_waves`.
     All six in one pass: sine and cosine are the cost.

@@ -1,1 +1,13 @@
-"""Photons followed one by one: analog, or joined to the receivers at every event."""
+"""Photons followed one by one: analog, or joined to the receivers at every event.
+
+Both draw free paths from the attenuation, directions from the phase function, and what the surface
+does from Fresnel's law; absorption and the bottom reduce the weight. An analog photon scores where
+it hits an aperture. A joined one scores at each collision and crossing the expected value of what
+it would bring, W exp(-tau) p A cos / r^2 in one medium: next-event estimation (Lux and
+Koblinger 1991), through the surface by the crossing and the slope that lead to the aperture.
+
+Read `state` (the record of a photon), `flight` (its steps, shared by both) and `analog` (chunks of
+photons and their sums). Joined photons: `targets` (the ends that they are joined to), `joined_walk`
+(steps and weight window), `next_event` (connections through the surface), `in_medium` (those
+without), and `joined`, their driver. `arriving` makes tables of recorded arrivals.
+"""

@@ -7,29 +7,28 @@ one thread for each; chunks are independent and added in the order of their ids.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from functools import partial, reduce
+from functools import reduce
 from operator import add
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.engine.bvh import Intersector
 from meshtrace.engine.photons.flight import Miss, follow
-from meshtrace.engine.photons.state import PHOTON, Limits, Recorder, World
+from meshtrace.engine.photons.state import PHOTON, Recorder, World
 from meshtrace.engine.setup import arrays
-from meshtrace.engine.setup.bodies import BodyScene, for_thread, scene_of
+from meshtrace.engine.setup.bodies import for_thread, scene_of
 from meshtrace.engine.setup.options import BLOCK, Analog, IrradianceMap, Record, read_records
 from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.kernels.rays import NO_BVH
-from meshtrace.kernels.sources import FORWARD, N_SCORES
+from meshtrace.kernels.sources import FORWARD, N_SCORES, Sources
 from meshtrace.kernels.tally import ARRIVAL, N_PLANE_SCORES, UNIT, Fate, MapGrid, Tallies
-from meshtrace.kernels.tints import ALONE, factors_of
+from meshtrace.kernels.tints import ALONE, NO_TINTS
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
 from meshtrace.mesh import TriangleMesh
@@ -89,7 +88,7 @@ class PhotonSums:
     """Tallies of a run of photons; tallies of disjoint photons add."""
 
     photons: int
-    score: Floats  # (scores,) sum over the photons, see `Setup.n_scores`
+    score: Floats  # (scores,) sum over the photons, see `AnalogPhotons.n_scores`
     score_squared: Floats  # (scores,) sum of the squares of each photon's score
     count: NDArray[np.int64]  # (fates,) photons by `Fate`
     misses: NDArray[np.int64]  # rays by `flight.Miss`
@@ -199,24 +198,6 @@ def tinted(
     return by_wavelength
 
 
-class Setup(NamedTuple):
-    """Inputs of all chunks of one run, in the frame of the link, with empty tallies."""
-
-    frame: arrays.Frame
-    intersector: Intersector
-    bodies: BodyScene | None
-    world: World
-    arrivals: int  # room for those of a photon, 0 where none are recorded
-
-    @property
-    def n_scores(self) -> int:
-        """Scores of a photon: one by aperture, four by plane; three of a backward photon."""
-        world = self.world
-        if len(world.back.origin):
-            return N_SCORES
-        return len(world.apertures.radius) + N_PLANE_SCORES * len(world.tallies.planes)
-
-
 def run_analog(
     link: Link,
     intersector: Intersector,
@@ -272,117 +253,149 @@ def run_analog(
     options = options_over(intersector.mesh, options)
     # kernels are compiled for one type: without a recorder one of no photons
     recorder = recorder or new_recorder(0, 0)
-    setup = setup_of(
-        link, intersector, options, seed, normals, unscattered=unscattered, records=records,
-        recorder=recorder, tinting=tinting, turn=turn,
-    )  # fmt: skip
-    empty, score = setup.world.tallies, np.zeros(setup.n_scores)
+    frame = arrays.frame_of(link)
+    # a map is in metres of the world, to be converted to the frame of the link
+    cells = _cells_of(records.get("irradiance-map"), link, frame, tinting, turn)
+    tracer = AnalogPhotons(link, intersector, options, seed, normals, frame, cells)
+    tracer.world = tracer.world._replace(
+        recorder=recorder, tints=tinting.tints, scores_unscattered=unscattered
+    )
+    tracer.room = len(link.receivers) * ("arrivals" in records)
+    empty, score = tracer.world.tallies, np.zeros(tracer.n_scores)
     exact: Any = {name: FixedPointSum(getattr(empty, name).shape) for name in _EXACT}
     counts = empty.n_photons.copy(), empty.misses.copy()
     sums = PhotonSums(0, score, score.copy(), *counts, map_scale=empty.grid.scale, **exact)
     first, end = options.first_photon, options.first_photon + photons
     starts = range(first, end, options.batch_size)
     chunks = ((start, min(start + options.batch_size, end)) for start in starts)
-    traced = ordered_map(partial(chunk_tallies, setup), chunks, threads)
+    traced = ordered_map(tracer.tallies, chunks, threads)
     for n, tallies in paced(traced, photons, f"{photons:,} photons", lambda part: part[0]):
         sums.add(n, tallies)
         if progress is not None:
             progress(n)
-    recorder.vertex[:] = setup.frame.metres(recorder.vertex)
+    recorder.vertex[:] = frame.metres(recorder.vertex)
     return sums
 
 
-def chunk_tallies(setup: Setup, span: tuple[int, int]) -> tuple[int, Tallies]:
-    """Trace the photons first <= id < last; repeat with a larger buffer if arrivals overflow."""
-    first, last = span
-    # one arrival of each photon at each receiver; few arrive twice
-    room = (last - first) * setup.arrivals
-    while True:
-        empty = setup.world.tallies
-        tallies = empty._replace(
-            score=np.zeros((last - first, setup.n_scores)),
-            arrivals=np.zeros(room, ARRIVAL),
-            map_factors=factors_of(len(empty.grid.scale)),
-            **{name: np.zeros_like(getattr(empty, name)) for name in _SUMS},
+class AnalogPhotons:
+    """Photons of a link over a surface, followed in chunks that do not depend on each other.
+
+    Parameters
+    ----------
+    link, intersector, options, seed, normals
+        As of `run_analog`.
+    frame : Frame
+        Coordinates of the kernels.
+    cells : MapGrid
+        Cells of a map in the frame, none by default.
+
+    Attributes
+    ----------
+    world : World
+        What all photons share, with empty tallies; without a recorder, at one wavelength.
+    room : int
+        Arrivals of a photon for which a chunk has memory at first, 0 if none are recorded.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        intersector: Intersector,
+        options: Analog,
+        seed: int,
+        normals: str,
+        frame: arrays.Frame,
+        cells: MapGrid = MapGrid(),  # noqa: B008 - immutable
+    ) -> None:
+        if frame != arrays.IDENTITY:
+            intersector = intersector.for_mesh(frame.mesh(intersector.mesh))
+        mesh = intersector.mesh
+        normals = normals if mesh.max_slope > 0.0 else "facet"  # of a flat sea they are the same
+        surface = arrays.surface_arrays(mesh, normals, link.physics.unresolved)
+        crest = float(surface.high[2])
+        sources = arrays.source_arrays(link, frame.unit * (crest + 1e-3), frame)
+        least_weight, survival = _roulette_of(link, options, sources, frame.unit)
+        medium = frame.medium(arrays.medium_arrays(link, frame.unit * crest))
+        self.world = World(
+            first=0,
+            seed=np.uint64(seed),  # numba takes a Python integer for a signed one
+            sources=sources,
+            surface=surface,
+            grid=arrays.grid_arrays(mesh) if intersector.shortcut else arrays.NO_GRID,
+            bodies=None,  # those of a thread, see `tallies`
+            medium=arrays.with_raster(medium, intersector),
+            apertures=arrays.aperture_arrays(link, frame),
+            interface=arrays.interface_arrays(link),
+            least_weight=least_weight,
+            survival=survival,
+            max_events=options.max_events,
+            max_crossings=options.max_surface_events,
+            scores_unscattered=True,
+            tallies=_no_tallies(link, frame, cells),
+            recorder=new_recorder(0, 0),
+            back=FORWARD,
+            tints=NO_TINTS,
+            bvh=NO_BVH,
+            photon=np.zeros(1, PHOTON),
         )
-        # every thread has tallies and a photon of its own; the surface is shared
-        with ExitStack() as scenes:
-            world = setup.world._replace(
-                first=first,
-                tallies=tallies,
-                bvh=scenes.enter_context(setup.intersector.function()),
-                bodies=scenes.enter_context(for_thread(setup.bodies)),
-                photon=np.zeros(1, PHOTON),
+        self.room, self._unit = 0, frame.unit
+        self._intersector, self._bodies = intersector, scene_of(link, frame)
+
+    @property
+    def n_scores(self) -> int:
+        """Scores of a photon: one by aperture, four by plane; three of a backward photon."""
+        world = self.world
+        if len(world.back.origin):
+            return N_SCORES
+        return len(world.apertures.radius) + N_PLANE_SCORES * len(world.tallies.planes)
+
+    def tallies(self, span: tuple[int, int]) -> tuple[int, Tallies]:
+        """Trace the photons first <= id < last; return their number and tallies."""
+        first, last = span
+        # one arrival of each photon at each receiver; few arrive twice
+        room = (last - first) * self.room
+        while True:
+            empty = self.world.tallies
+            tallies = empty._replace(
+                score=np.zeros((last - first, self.n_scores)),
+                arrivals=np.zeros(room, ARRIVAL),
+                map_factors=np.empty((2, len(empty.grid.scale))),
+                **{name: np.zeros_like(getattr(empty, name)) for name in _SUMS},
             )
-            follow(first, last, world)
-        if not setup.arrivals or int(tallies.n_arrivals[0]) <= room:
-            tallies.arrivals["water"] *= setup.frame.unit
-            tallies.arrivals["air"] *= setup.frame.unit
-            return last - first, tallies
-        # the kernel counts on beyond a full buffer: the second pass has room for all
-        room = int(tallies.n_arrivals[0])
+            # every thread has tallies and a photon of its own; the surface is shared
+            with ExitStack() as scenes:
+                world = self.world._replace(
+                    first=first,
+                    tallies=tallies,
+                    bvh=scenes.enter_context(self._intersector.function()),
+                    bodies=scenes.enter_context(for_thread(self._bodies)),
+                    photon=np.zeros(1, PHOTON),
+                )
+                follow(first, last, world)
+            if not self.room or int(tallies.n_arrivals[0]) <= room:
+                tallies.arrivals["water"] *= self._unit
+                tallies.arrivals["air"] *= self._unit
+                return last - first, tallies
+            # the kernel counts on beyond a full buffer: the second pass has room for all
+            room = int(tallies.n_arrivals[0])
 
 
-def setup_of(
-    link: Link,
-    intersector: Intersector,
-    options: Analog,
-    seed: int,
-    normals: str,
-    *,
-    unscattered: bool = True,
-    records: Mapping[str, Record] = MappingProxyType({}),
-    recorder: Recorder | None = None,
-    frame: arrays.Frame | None = None,
-    tinting: Tinting = UNTINTED,
-    turn: tuple[int, Floats] = (0, ALONE.parts),
-) -> Setup:
-    """Return the inputs of the chunks, in the frame of the link unless one is given."""
-    frame = frame or arrays.frame_of(link)
-    # a map is in metres of the world, to be converted to the frame of the link
-    cells = _cells_of(records.get("irradiance-map"), link, frame, tinting, turn)
-    if frame != arrays.IDENTITY:
-        intersector = intersector.for_mesh(frame.mesh(intersector.mesh))
-    mesh = intersector.mesh
-    normals = normals if mesh.max_slope > 0.0 else "facet"  # of a flat sea they are the same
-    surface = arrays.surface_arrays(mesh, normals, link.physics.unresolved)
-    crest = float(surface.high[2])
-    sources = arrays.source_arrays(link, frame.unit * (crest + 1e-3), frame)
-    # survival 0: with the chance weight / limit, after which all weigh the same
-    roulette, survival = options.roulette, 0.0
-    if roulette is None and link.physics.absorption == "paper":
-        roulette, survival = 1e-3, 0.1  # the paper ends no photon in water (E13)
-    if roulette is None:
-        # planes and light from the air count photons at depths where all are weak
-        roulette = 1e-3
-        if sources.in_water.all() and link.planes is None:
-            depth = frame.unit * max(-z for z in sources.position[:, 2])
-            # half of exp(-a depth): light that goes straight up never meets the roulette; 600 keeps
-            # the limit above 0
-            roulette = 0.5 * math.exp(-min(link.water.a * depth, 600.0))
-    medium = frame.medium(arrays.medium_arrays(link, frame.unit * crest))
-    world = World(
-        first=0,
-        seed=np.uint64(seed),  # numba takes a Python integer for a signed one
-        sources=sources,
-        surface=surface,
-        grid=arrays.grid_arrays(mesh) if intersector.shortcut else arrays.NO_GRID,
-        bodies=None,  # those of a thread, see `chunk_tallies`
-        medium=arrays.with_raster(medium, intersector),
-        apertures=arrays.aperture_arrays(link, frame),
-        interface=arrays.interface_arrays(link),
-        limits=Limits(
-            roulette, survival, options.max_events, options.max_surface_events, unscattered
-        ),
-        tallies=_no_tallies(link, frame, cells),
-        recorder=recorder or new_recorder(0, 0),
-        back=FORWARD,
-        tints=tinting.tints,
-        bvh=NO_BVH,
-        photon=np.zeros(1, PHOTON),
-    )
-    room = len(link.receivers) * ("arrivals" in records)
-    return Setup(frame, intersector, scene_of(link, frame), world, room)
+def _roulette_of(link: Link, options: Analog, sources: Sources, unit: float) -> tuple[float, float]:
+    """Return the weight below which Russian roulette is played, and the chance of survival.
+
+    A chance of 0 stands for weight / limit, after which all weigh the same.
+    """
+    if options.roulette is not None:
+        return options.roulette, 0.0
+    if link.physics.absorption == "paper":
+        return 1e-3, 0.1  # E13 of docs/paper.md: it ends no photon in water
+    # planes and light from the air count photons at depths where all are weak
+    if not sources.in_water.all() or link.planes is not None:
+        return 1e-3, 0.0
+    depth = unit * max(-z for z in sources.position[:, 2])
+    # half of exp(-a depth): light that goes straight up never meets the roulette; 600 keeps the
+    # limit above 0
+    return 0.5 * math.exp(-min(link.water.a * depth, 600.0)), 0.0
 
 
 def new_recorder(photons: int, vertices: int) -> Recorder:
@@ -410,7 +423,7 @@ def _no_tallies(link: Link, frame: arrays.Frame, cells: MapGrid) -> Tallies:
         radiance=np.zeros((SHIFTS, len(depths), *bins), np.int64),
         grid=cells,
         map_tint=np.zeros(len(cells.mixture.shares)),
-        map_factors=factors_of(len(cells.scale)),
+        map_factors=np.empty((2, len(cells.scale))),
         map=np.zeros(shape, np.int64),
         map_squared=np.zeros(shape, np.int64),
         arrivals=np.zeros(0, ARRIVAL),

@@ -17,15 +17,7 @@ from __future__ import annotations
 import math
 from enum import IntEnum
 
-from meshtrace.engine.photons.state import (
-    Vertex,
-    head,
-    heading,
-    place,
-    put,
-    record,
-    write_vertex,
-)
+from meshtrace.engine.photons.state import Vertex, head, heading, place, put, record, write_vertex
 from meshtrace.kernels import interface, sources, tally
 from meshtrace.kernels.bodies import first_body, reflected
 from meshtrace.kernels.interface import branches
@@ -33,7 +25,7 @@ from meshtrace.kernels.jit import entry, inlined, outlined
 from meshtrace.kernels.medium import Absorption, absorption_path, collide, sample_free_path
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import UNKNOWN, first_facet, grid_facet
-from meshtrace.kernels.tally import Fate, Segment, deposit
+from meshtrace.kernels.tally import Fate, deposit
 from meshtrace.kernels.tints import is_tinted, reset_tint, tint_scattering, tint_way
 from meshtrace.kernels.vectors import Vec3, along, dot, plus, row, scaled, turn
 
@@ -58,10 +50,10 @@ def set_weight(q, weight, fate, world):
 @inlined
 def roulette(q, u_survival, world):
     """Play Russian roulette with a low-weight photon; a negative `u_survival` is drawn anew."""
-    if q.weight >= world.limits.weight:  # most photons
+    if q.weight >= world.least_weight:  # most photons
         return GOES_ON
     # Unbiased for any chance p of survival: survivors carry weight / p.
-    p = world.limits.survival if world.limits.survival > 0.0 else q.weight / world.limits.weight
+    p = world.survival if world.survival > 0.0 else q.weight / world.least_weight
     if u_survival < 0.0:
         u_survival, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.ROULETTE.value)
     if u_survival >= p:
@@ -128,14 +120,12 @@ _OFFSET = 1e-5  # [m], distance of a ray's start from the facet that it leaves
 @inlined
 def _is_scored(q, world):
     """Return whether light of a photon is scored: unscattered light may be left to the facets."""
-    return world.limits.unscattered or q.turned > 0 or q.crossings > 1
+    return world.scores_unscattered or q.turned > 0 or q.crossings > 1
 
 
 @inlined
 def to_sky(q, d, weight, world):
     """Score light that leaves the surface for good and deposit its weight."""
-    # a ray without end: nothing is in its way any more
-    flight = Segment(place(q), d, math.inf, weight, q.water, q.air)
     # a photon that runs backwards from a receiver collects the radiance of the sky along its path
     if sources.is_backward(world.back) and (q.water > 0.0 or not world.back.after_water):
         scored_radiance = weight * sources.radiance(world.back.sky, d)
@@ -144,10 +134,11 @@ def to_sky(q, d, weight, world):
             tally.keep_arrival(
                 world.tallies, q.id, sources.SKY_SCORE, scored_radiance, world.tints, q.tint
             )
+    # a ray without end: nothing is in its way any more
     scored = _is_scored(q, world)
-    received = scored and tally.score_apertures(q, False, flight, world)
+    received = scored and tally.score_apertures(q, False, d, weight, math.inf, world)
     if scored:
-        tally.score_map(world.tallies, flight, world.medium, world.tints, q.tint)
+        tally.score_map(q, d, weight, math.inf, world)
     deposit(world.tallies, Fate.RECEIVED.value if received else Fate.LANDED.value, weight)
     if received:
         q.outcome = Fate.RECEIVED.value
@@ -155,17 +146,17 @@ def to_sky(q, d, weight, world):
     elif q.outcome < 0:
         q.outcome = Fate.LANDED.value
     if q.id < len(world.recorder.length):
-        _record_flight(q, flight, received, world)
+        _record_flight(q, d, weight, received, world)
 
 
 @outlined
-def _record_flight(q, flight, received, world):
+def _record_flight(q, d, weight, received, world):
     """Record the point of a path in air at the height of the first aperture."""
-    p, d, t = flight.origin, flight.direction, 1.0
+    p, t = place(q), 1.0
     if len(world.apertures.radius) > 0 and d.z > 0.0:
         t = max((world.apertures.center[0, 2] - p.z) / d.z, 0.0)
     what = Vertex.RECEIVED if received else Vertex.LANDED
-    write_vertex(world.recorder, q.id, along(p, d, t), flight.weight, what)
+    write_vertex(world.recorder, q.id, along(p, d, t), weight, what)
 
 
 @inlined
@@ -251,7 +242,7 @@ def _leave(q, d, g, world):
     if q.in_water == 0:
         q.free = math.inf
     look_ahead(q, world.bodies)
-    if q.crossings >= world.limits.surface_events or q.event >= world.limits.events:
+    if q.crossings >= world.max_crossings or q.event >= world.max_events:
         return Fate.EVENT_LIMIT.value
     return GOES_ON
 
@@ -288,13 +279,11 @@ def lowest(world):
 @outlined
 def _score_water(q, length, world):
     """Score a path in water on planes and apertures; not inlined: rarely used."""
-    flight = Segment(place(q), heading(q), length, q.weight, q.water, q.air)
-    column = len(world.apertures.radius)
-    tally.score_planes(world.tallies, column, q.id - world.first, flight, world.medium)
+    tally.score_planes(q, length, world)
     if _is_scored(q, world):
-        tally.score_apertures(q, True, flight, world)
+        tally.score_apertures(q, True, heading(q), q.weight, length, world)
     if world.tallies.grid.z < 0.0:
-        tally.score_map(world.tallies, flight, world.medium, world.tints, q.tint)
+        tally.score_map(q, heading(q), q.weight, length, world)
 
 
 @outlined
@@ -304,10 +293,9 @@ def _score_air(q, length, world):
     Light of a lamp in the air before it meets the sea, or light between two waves.
     """
     if _is_scored(q, world):
-        flight = Segment(place(q), heading(q), length, q.weight, q.water, q.air)
-        tally.score_apertures(q, False, flight, world)
+        tally.score_apertures(q, False, heading(q), q.weight, length, world)
         if world.tallies.grid.z > 0.0:
-            tally.score_map(world.tallies, flight, world.medium, world.tints, q.tint)
+            tally.score_map(q, heading(q), q.weight, length, world)
 
 
 @inlined
@@ -315,7 +303,7 @@ def _continue(q, u_path, world):
     """Draw the next free path after a collision; end a photon by its limits."""
     q.free = sample_free_path(world.medium, place(q), u_path) if q.in_water == 1 else math.inf
     look_ahead(q, world.bodies)
-    if q.event >= world.limits.events:
+    if q.event >= world.max_events:
         return Fate.EVENT_LIMIT.value
     return roulette(q, -1.0, world)
 
@@ -581,7 +569,7 @@ def follow(first, last, world):
 
     Array twin: the plain tracer of `tests/benchmarks`.
     """
-    # Monte Carlo with absorption by weight (Prahl et al. 1989), roulette below `Limits.weight`
+    # Monte Carlo with absorption by weight (Prahl et al. 1989), roulette below `World.least_weight`
     q = world.photon[0]
     for photon in range(first, last):
         _start(q, photon, world)

@@ -115,14 +115,14 @@ def _score(q, i, weight, theta, p, way, world):
 
 
 @outlined
-def join_straight(q, i, world, same_side):
+def join_straight(q, i, world, under):
     """Join a photon that is scattered, or reflected by the bottom, straight to target i.
 
     Array twin: `join_hits` of the photon that goes on.
     """
-    # Receivers in the air are met through the surface alone. `same_side` is an argument, None for
+    # Receivers in the air are met through the surface alone. `under` is an argument, None for
     # links that change sides: numba then leaves out the rest by its type.
-    if not targets.is_mirrored(same_side):
+    if not targets.is_mirrored(under):
         return
     start, target = place(q), targets.scene_to(world.joins.target[i], world).target
     # q.u, q.v: uniforms drawn at the start, the same point of an aperture for all events of q
@@ -143,14 +143,14 @@ def join_straight(q, i, world, same_side):
 
 
 @outlined
-def join_hits(q, world, same_side):
+def join_hits(q, world, under):
     """Score a photon on every target that its new direction hits, see the head of this file.
 
     Array twin: `join_straight`.
     """
-    # Receivers in the air are met through the surface alone. `same_side` is an argument, None for
+    # Receivers in the air are met through the surface alone. `under` is an argument, None for
     # links that change sides: numba then leaves out the rest by its type.
-    if not targets.is_mirrored(same_side):
+    if not targets.is_mirrored(under):
         return
     # Unscattered light is integrated elsewhere (`engine.straight`). Density 0: the event was not
     # joined, or a rough or a second mirror has turned its light, see `joined_walk._note_mirror`.

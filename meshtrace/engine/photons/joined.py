@@ -22,15 +22,7 @@ from meshtrace.engine.chains.aimed import ROOTS, search_extent
 from meshtrace.engine.crossing import FLAT, ROOT
 from meshtrace.engine.gains import Gains, places_of, shares_of, table_of
 from meshtrace.engine.photons.joined_walk import follow_joined
-from meshtrace.engine.photons.targets import (
-    JOINED_PHOTON,
-    TARGET,
-    JoinedWorld,
-    Joins,
-    Manifold,
-    SameSide,
-    Window,
-)
+from meshtrace.engine.photons.targets import JOINED_PHOTON, TARGET, JoinedWorld, Joins, Window
 from meshtrace.engine.setup import arrays, ends
 from meshtrace.engine.setup.bodies import BodyScene, for_thread, scene_of
 from meshtrace.engine.setup.options import BLOCK
@@ -230,10 +222,10 @@ class JoinedPhotons:
         return gains.of_photons(self.photons).by_wavelength()
 
     @property
-    def _same_side(self) -> SameSide | None:
-        """Side of both ends, None for a link that crosses the surface."""
+    def _under(self) -> bool | None:
+        """Whether both ends lie under the surface, None for a link that crosses it."""
         direction = self.link.direction
-        return SameSide(direction == "under") if direction in SAME_SIDE else None
+        return direction == "under" if direction in SAME_SIDE else None
 
     def _runs(self, frame: arrays.Frame) -> list[_Run]:
         """Return the runs: one to all receivers in the air, or one from each in the water."""
@@ -275,19 +267,19 @@ class JoinedPhotons:
             rest = in_water, share, start.e1, start.table
             sources = Sources(*(np.array([value]) for value in (*end, *rest)))
         grid = arrays.grid_arrays(intersector.mesh)
-        bins, facets, manifold = arrays.NO_BINS, np.zeros(0, FACET), None
+        bins, facets, search = arrays.NO_BINS, np.zeros(0, FACET), None
         # a grid finds the facet over a point by its lines; Newton over smooth waves by bins
         if is_smooth or not len(grid.x.line):
             bins = arrays.locator(surface, run.targets)
         if is_smooth:
             facets = np.empty(len(surface.faces), FACET)
             facet_summary(surface, facets)
-            room = np.zeros(1, FLAT), np.zeros(ROOTS, ROOT)
-            manifold = Manifold(search_extent(surface, facets, bins), *room)
+            search = search_extent(surface, facets, bins)
         joins = self._joins(surface, sources, run, frame, bins, facets)
         return JoinedWorld(
             0, np.uint64(self.seed), sources, surface, grid, medium,
-            arrays.interface_arrays(link), joins, manifold, None, self._same_side, _EVENTS,
+            arrays.interface_arrays(link), joins, search,
+            np.zeros(1, FLAT), np.zeros(ROOTS, ROOT), None, self._under, _EVENTS,
             NO_TINTS, NO_BVH,
             np.zeros(1 + _COPIES, JOINED_PHOTON), np.zeros(0, ARRIVAL), np.zeros(1, np.int64),
         )  # fmt: skip
@@ -316,7 +308,7 @@ class JoinedPhotons:
         window = _window(a, turned, turned * depth > DIFFUSE, in_water)
         # crossings are drawn somewhat wider than slopes of waves and random ones carry them
         spread = _SPREAD * math.sqrt(rough + arrays.mean_square_slope(surface))
-        bends = rough > 0.0 and not window.diffuse and self._same_side is None
+        bends = rough > 0.0 and not window.diffuse and self._under is None
         if bends and self._is_aimed(sources, run.targets, spread):
             # beams onto targets: a collision turns light out of the range that slopes can bend back
             mean_share = _remaining_importance(water, link.water.n / link.n_air, spread)
@@ -325,21 +317,8 @@ class JoinedPhotons:
         # water that hardly attenuates would keep photons that go down for ever
         window = window._replace(kappa=max(window.kappa, _LEAST_FALL / depth))
         walls = _walls(scene_of(link, frame))
-        records = np.zeros(len(run.targets), TARGET)
-        # area over which slopes spread light, per squared height: 2 pi sigma_a sigma_c (n - 1)^2
-        blur = 2.0 * math.pi * surface.roughness.along * surface.roughness.across
-        turn = 2.0 if in_water else link.water.n / link.n_air - 1.0
-        blur *= turn**2
-        records["first"] = run.first
-        for row, target, part in zip(records, run.targets, run.share, strict=True):
-            _fill(row, target, part, 1.0 / max(a + b, 1e-300))  # no division by 0 in clear water
-            if in_water:
-                _see_in_water(row, sources, walls)
-            if not target.is_lamp and rough > 0.0:
-                # the wider an aperture against the blur by slopes, the more of its points slopes
-                # draw
-                sloped = target.area / (target.area + blur * target.center.z**2)
-                row["sloped"] = sloped if sloped > _LEAST_SLOPED else 0.0
+        free_path = 1.0 / max(a + b, 1e-300)  # no division by 0 in clear water
+        records = self._targets(surface, sources, run, walls, free_path)
         # ceiling division: evenly spaced, at most _GUIDES
         guides = records[:: -(-len(records) // _GUIDES)].copy()
         # without random slopes collisions alone are joined, and no connection is left out
@@ -361,6 +340,26 @@ class JoinedPhotons:
             records, guides, first, self._direct, water, bubble, bins, facets, spread, decay,
             often * b, often, start_lobe, start_cone, lobe, cone, window,
         )  # fmt: skip
+
+    def _targets(
+        self, surface: MeshArrays, sources: Sources, run: _Run, walls: Floats, free_path: float
+    ) -> NDArray[np.void]:
+        """Return the records of the targets of a run, see `TARGET`."""
+        records, in_water = np.zeros(len(run.targets), TARGET), self.link.direction == "under"
+        records["first"] = run.first
+        # area over which slopes spread light, per squared height: 2 pi sigma_a sigma_c (n - 1)^2
+        turn = 2.0 if in_water else self.link.water.n / self.link.n_air - 1.0
+        blur = 2.0 * math.pi * surface.roughness.along * surface.roughness.across * turn**2
+        for row, target, part in zip(records, run.targets, run.share, strict=True):
+            _fill(row, target, part, free_path)
+            if in_water:
+                _see_in_water(row, sources, walls)
+            if not target.is_lamp and max(surface.roughness[:2]) > 0.0:
+                # the wider an aperture against the blur by slopes, the more of its points slopes
+                # draw
+                sloped = target.area / (target.area + blur * target.center.z**2)
+                row["sloped"] = sloped if sloped > _LEAST_SLOPED else 0.0
+        return records
 
     def _is_aimed(self, sources: Sources, targets: list[Target], spread: float) -> bool:
         """Return whether random slopes bend most of the unscattered light to the targets.
@@ -424,7 +423,8 @@ class JoinedPhotons:
                         bvh=bvh,
                         bodies=body_arrays,
                         photon=np.zeros_like(world.photon),
-                        manifold=_with_buffers(world.manifold),
+                        flat=np.zeros_like(world.flat),
+                        roots=np.zeros_like(world.roots),
                         arrivals=np.empty(room, ARRIVAL),
                         n_arrivals=np.zeros(1, np.int64),
                     )
@@ -453,11 +453,6 @@ class _Run(NamedTuple):
     first: list[int]  # by target, number of the crossing from which on light is scored
 
 
-def _with_buffers(manifold: Manifold | None) -> Manifold | None:
-    """Return a search with separate buffers, for another thread."""
-    return manifold and Manifold(manifold.search, *map(np.zeros_like, manifold[1:]))
-
-
 def _remaining_importance(phase: AngleTable, n: float, spread: float) -> float:
     """Return the mean share of its importance that light keeps at a collision.
 
@@ -479,12 +474,8 @@ def _window(a: float, turned: float, diffuse: bool, in_water: bool) -> Window:
         # diffusion theory: D = 1 / (3 (a + b (1 - g))), decay (a / D)^(1/2), and an extrapolated
         # boundary beyond the surface, where the fluence would vanish
         d = 1.0 / (3.0 * (a + turned))
-        kappa, length, beyond, highest = (
-            math.sqrt(a / d),
-            1.0 / (a + turned),
-            _BOUNDARY * d,
-            _HIGHEST,
-        )
+        kappa, length = math.sqrt(a / d), 1.0 / (a + turned)
+        beyond, highest = _BOUNDARY * d, _HIGHEST
     return Window(diffuse, kappa, length, beyond, highest, 0.0, in_water)
 
 
@@ -552,8 +543,9 @@ def _fill(row: np.void, target: Target, share: float, free_path: float) -> None:
     for name, value in target._asdict().items():
         row[name] = value
     row["share"] = share
-    # the part of still water that it sees: where its axis leads, as wide as its cone and aperture
-    # its axis downwards: that of a lamp is along its light, that of a receiver up, as light goes
+    # The part of still water that it sees: where its axis leads, as wide as its cone and aperture.
+    # The axis of a lamp is along its light, downwards; that of a receiver is along the light that
+    # it takes, upwards, and is turned.
     axis = np.array(target.lamp.axis) if target.is_lamp else -np.array(target.axis)
     fall = target.center.z / max(-axis[2], 0.1)  # [m] along the axis, bounded for grazing views
     row["seen"][:2] = np.array(target.center)[:2] + fall * axis[:2]

@@ -265,23 +265,23 @@ def _start(q, photon, world):
     q.water, q.id, q.event, q.order, q.reflections, q.returns = 0.0, photon, 0, 0, 0, 0
     q.air, q.turned_by = 0.0, SCATTERED
     if not world.sources.in_water[source]:
-        _enter(q, world, world.same_side)
+        _enter(q, world, world.under)
         p = place(q)
     q.level, q.density, q.bend = targets.level_over(p, world), 0.0, 0.0
     q.copies, q.is_guided, q.law = 0, 0, Law.PHASE.value
     reset_tint(world.tints, q.tint)
     q.importance = importance(p, world.joins)
     _draw_path(q, u_path, world)
-    _look_ahead(q, world, world.manifold)
+    _look_ahead(q, world, world.search)
 
 
 @outlined
-def _enter(q, world, same_side):
+def _enter(q, world, under):
     """Refract a photon that starts in the air into the water; weight 0 if it misses the mesh.
 
     Array twin: `photons.flight.cross`. What the surface reflects is not followed here.
     """
-    if same_side is None:  # an argument: not compiled for links that change sides
+    if under is None:  # an argument: not compiled for links that change sides
         return
     facet = facet_ahead(q, NO, ZERO, world)
     p, d = place(q), heading(q)
@@ -316,15 +316,15 @@ def _facet_ahead(q, world):
 
 
 @outlined
-def _look_ahead(q, world, manifold):
+def _look_ahead(q, world, search):
     """Join the light of a photon that meets the surface without another collision, by chance.
 
     Light that goes on straight to a receiver in the water is joined first.
     """
-    join_hits(q, world, world.same_side)
+    join_hits(q, world, world.under)
     _hit_beyond(q, world, world.bodies)
     # smooth waves; a separate argument, so that numba leaves the rest out by its type
-    if manifold is not None:
+    if search is not None:
         return
     joins = world.joins
     # Without random slopes a given direction never hits a given point of an aperture: collisions
@@ -355,7 +355,9 @@ def _hit_beyond(q, world, bodies):
     """
     if bodies is None:  # an argument: not compiled for links without bodies
         return
-    if q.density >= 0.0 or targets.is_mirrored(world.same_side):
+    # A negative density: a mirror body has turned it, whose one direction no connection can draw.
+    # Receivers in the water are met by `join_hits`.
+    if q.density >= 0.0 or targets.is_mirrored(world.under):
         return
     # over random slopes its crossing is joined, see `_look_ahead`
     if interface.is_rough(world.surface.roughness):
@@ -414,14 +416,14 @@ def _stays(q, world):
 
 
 @inlined
-def _note_mirror(q, facet, world, same_side):
+def _note_mirror(q, facet, world, under):
     """Note the facet that reflects a photon, if its way to a receiver is joined by hits, too.
 
     Without random slopes that is the first facet after an event; light of further ones, and over
     random slopes, is joined by its crossing or at its next collision.
     """
     is_joined = q.density > 0.0 and not interface.is_rough(world.surface.roughness)
-    if targets.is_mirrored(same_side) and is_joined and q.facet < 0:
+    if targets.is_mirrored(under) and is_joined and q.facet < 0:
         q.facet = facet
     elif q.density > 0.0 or interface.is_rough(world.surface.roughness):
         q.density = 0.0
@@ -438,7 +440,7 @@ def _reflect(q, facet, world):
     q.reflections += 1
     q.returns += 1
     q.weight *= rho * world.interface.foam_transmittance
-    _note_mirror(q, facet, world, world.same_side)
+    _note_mirror(q, facet, world, world.under)
     if q.weight == 0.0 or not survives(q, place(q), 1.0, u_survival, world):
         return False
     put(q, along(p, g, -_HAIR))
@@ -446,7 +448,7 @@ def _reflect(q, facet, world):
     q.level = targets.level_over(place(q), world)
     _, u_path, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE.value)
     _draw_path(q, u_path, world)
-    _look_ahead(q, world, world.manifold)
+    _look_ahead(q, world, world.search)
     return True
 
 
@@ -463,7 +465,7 @@ def _is_worth(q, is_turned, world):
 
 
 @outlined
-def _guide_from_wall(q, d, world, same_side):
+def _guide_from_wall(q, d, world, under):
     """Send copies of a photon from the bottom or a body towards the targets, as after a collision.
 
     Array twin: photons without `Joins.lobe`.
@@ -471,7 +473,7 @@ def _guide_from_wall(q, d, world, same_side):
     scattered forwards on its way, is most of what comes back to a narrow view: few photons would
     carry it in heavy scores.
     """
-    if same_side is None:  # an argument: not compiled for links that change sides
+    if under is None:  # an argument: not compiled for links that change sides
         return
     lobe, cone = targets.guided_directions(q, world)
     if lobe + cone == 0.0:
@@ -510,10 +512,10 @@ def _leave_wall(q, d, cosine, u_path, world):
     """Send a photon along d, by its cosine to the normal of a wall; return whether it lives."""
     if q.density > 0.0:  # the wall was joined: density of Lambert's law for its direction
         q.density = cosine / math.pi
-        _guide_from_wall(q, d, world, world.same_side)
+        _guide_from_wall(q, d, world, world.under)
     head(q, d)
     _draw_path(q, u_path, world)
-    _look_ahead(q, world, world.manifold)
+    _look_ahead(q, world, world.search)
     return _is_worth(q, YES, world)
 
 
@@ -541,7 +543,7 @@ def _meet(q, world, bodies):
     if bodies.is_mirror[body]:
         q.order += 1
         q.turned_by, q.density, q.level = BODY, -1.0, targets.level_over(p, world)
-        targets.note_event(q, world.same_side)
+        targets.note_event(q, world.under)
     else:
         join_collision(q, BODY, world)
         if not _is_worth(q, NO, world):
@@ -571,7 +573,7 @@ def _scatter(q, world):
         for _ in range(n - 1):
             _push(q, world)
         redirect(q, s, u_phi, world)
-        _look_ahead(q, world, world.manifold)
+        _look_ahead(q, world, world.search)
         if not _is_worth(q, YES, world):
             return False
     # a null collision of delta tracking: many in clear water below bubbles, so roulette here too
@@ -600,7 +602,7 @@ def _resume(q, world):
     redirect(q, medium.sample_s(phase, u_theta), u_phi, world)
     if q.weight == 0.0:  # into the bottom that the copy has left
         return False
-    _look_ahead(q, world, world.manifold)
+    _look_ahead(q, world, world.search)
     _draw_path(q, u_path, world)
     return _is_worth(q, YES, world)
 

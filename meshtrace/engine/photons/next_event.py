@@ -78,7 +78,7 @@ _STREAMS = 64  # step of purposes between trials, > all of `Purpose`: no stream 
 
 
 @outlined
-def _crossings_between(still, shot, q, scene, world, manifold):
+def _crossings_between(still, shot, q, scene, world, search):
     """Write the crossings from the start of a shot to its goal (`roots`); return their number.
 
     Array twin: `crossing.enumerate_roots`, which searches every facet.
@@ -89,25 +89,24 @@ def _crossings_between(still, shot, q, scene, world, manifold):
     # bound on the displacement by slopes and heights of the waves, as `crossing.radius_of`
     move = crossing.MARGIN * surface.max_slope * max(still.along, still.across)
     move += (
-        crossing.MARGIN * (surface.high[2] - surface.low[2]) * side / still.depth
-        + manifold.search.margin
+        crossing.MARGIN * (surface.high[2] - surface.low[2]) * side / still.depth + search.margin
     )
     if math.hypot(still.x - target.center.x, still.y - target.center.y) > target.reach + move:
         return ZERO  # outside the field of view for any waves
     if not surface.interpolate:
-        return _on_all_facets(still, shot, scene, manifold)
+        return _on_all_facets(still, shot, scene, search, world)
     widths = targets.widths_of(still, world.joins)
     step = widths.x + widths.y  # [m], scale of the steps of Newton
     converged, x, y, facet = crossing.root_from(still.x, still.y, step, shot, scene)
     n = ZERO
     if converged:
-        n = _append(n, x, y, facet, 1.0, shot, manifold)
+        n = _append(n, x, y, facet, 1.0, shot, world.roots)
     converged, rx, ry, facet = _trial(ZERO, still, step, shot, q, scene, world)
     # the crossing that is written already counts fully: reached again it adds nothing
     if not converged or (n == 1 and _is_same(rx, ry, x, y)):
         return n
     count = _inverse_probability(rx, ry, still, step, shot, q, scene, world)
-    return _append(n, rx, ry, facet, count, shot, manifold)
+    return _append(n, rx, ry, facet, count, shot, world.roots)
 
 
 @outlined
@@ -132,9 +131,9 @@ def _is_same(x, y, other_x, other_y):
 
 
 @inlined
-def _append(n, x, y, facet, multiplicity, shot, manifold):
+def _append(n, x, y, facet, multiplicity, shot, roots):
     """Write crossing n of a shot, counted `multiplicity` times; return the new number."""
-    root = manifold.roots[n]
+    root = roots[n]
     root.x, root.y, root.facet = x, y, facet
     root.branch, root.multiplicity = shot.branch, multiplicity
     return n + 1
@@ -156,9 +155,9 @@ def _trial(k, still, step, shot, q, scene, world):
 
 
 @outlined
-def _on_all_facets(still, shot, scene, manifold):
+def _on_all_facets(still, shot, scene, search, world):
     """Write the crossings on all facets near the flat-sea crossing; return their number."""
-    search, flat = manifold.search, manifold.flat[0]
+    flat = world.flat[0]
     # `still` may belong to a wave above the start, not to the mean level.
     level = shot.start.z + still.depth  # of the flat sea
     sea = MeshArrays(*scene.surface[:-1], level)  # type: ignore[call-arg]
@@ -170,7 +169,7 @@ def _on_all_facets(still, shot, scene, manifold):
     bounded = crossing.Search(search.audit, search.slope, search.margin, widest, search.curvature)
     radius = crossing.radius_of(flat, bounded, shot, scene)
     close = still.depth <= _CLOSE * search.margin
-    return crossing.enumerate_roots(manifold.roots, ZERO, flat, radius, close, shot, scene)
+    return crossing.enumerate_roots(world.roots, ZERO, flat, radius, close, shot, scene)
 
 
 @inlined
@@ -260,11 +259,11 @@ def _score(q, i, weight, theta, p, goal, water, world):
         off = plus(scaled(goal.x, target.e1), scaled(goal.y, target.e2))
         way = minus(plus(target.center, off), p)
         a.water, a.air, a.order = q.water + water, q.air + norm(way), q.order
-        a.part = _part_of(q, world.same_side)
+        a.part = _part_of(q, world.under)
         # photons to a lamp run backwards: their light arrives where they start
         write(a.way, scaled(-1.0, targets.vector_of(q.first)) if target.is_lamp else way)
         tint_way(world.tints, a.tint, q.z, p.z, water)
-        if targets.is_mirrored(world.same_side):
+        if targets.is_mirrored(world.under):
             # the way behind the crossing lies in the water, too
             a.water, a.air = a.water + norm(way), 0.0
             tint_way(world.tints, a.tint, p.z, p.z + way.z, norm(way))
@@ -274,9 +273,9 @@ def _score(q, i, weight, theta, p, goal, water, world):
 
 
 @inlined
-def _part_of(q, same_side):
+def _part_of(q, under):
     """Return the part of the gain that light of a photon belongs to, see `kernels.tally`."""
-    if same_side is None:
+    if under is None:
         if q.reflections > 0:
             return REFLECTED
         return SCATTERED if q.order > 0 else DIRECT
@@ -362,7 +361,7 @@ def join_collision(q, turned_by, world):
     q.order += 1
     q.is_guided = 1 if q.copies + targets.SPARE < len(world.photon) else 0
     start, q.density, q.turned_by = place(q), 0.0, turned_by
-    targets.note_event(q, world.same_side)
+    targets.note_event(q, world.under)
     q.level = level = targets.level_over(start, world)
     if q.returns + 1 < joins.first:
         return
@@ -386,19 +385,19 @@ def join_collision(q, turned_by, world):
             continue
         scene = targets.scene_to(joins.target[i], world)
         goal = targets.goal_on(scene.target, q.u, q.v)
-        join_straight(q, i, world, world.same_side)
+        join_straight(q, i, world, world.under)
         still = targets.still_crossing(start, goal, level, scene)
         if rough:
             p = targets.beside(still, r, v, joins)
-            _join_by_slope(p, q, i, goal, still, scene, world, world.manifold)
+            _join_by_slope(p, q, i, goal, still, scene, world, world.search)
         else:
-            _join_bent(q, i, goal, still, scene, world, world.manifold)
+            _join_bent(q, i, goal, still, scene, world, world.search)
 
 
 @outlined
-def _join_by_slope(at, q, i, goal, still, scene, world, manifold):
+def _join_by_slope(at, q, i, goal, still, scene, world, search):
     """Join an event to target i by the slope at a crossing at (x, y), see `join_collision`."""
-    if manifold is not None:  # an argument: for smooth waves the rest is not compiled
+    if search is not None:  # an argument: for smooth waves the rest is not compiled
         return
     joins, start = world.joins, place(q)
     x, y = at.x, at.y
@@ -436,16 +435,16 @@ def _join_by_slope(at, q, i, goal, still, scene, world, manifold):
 
 
 @outlined
-def _join_bent(q, i, goal, still, scene, world, manifold):
+def _join_bent(q, i, goal, still, scene, world, search):
     """Join an event to target i by all crossings without random slopes, see `join_collision`."""
     start = place(q)
     shot = crossing.Shot(start, ORIGIN, UP, goal, 1.0, Vec2(0.0, 0.0))
-    if manifold is None:  # an argument: the other branch is not compiled
+    if search is None:  # an argument: the other branch is not compiled
         at = Vec2(still.x, still.y)
         _join_at(at, FLAT_SEA, 1.0, q, i, shot, scene, world)
     else:
-        for k in range(_crossings_between(still, shot, q, scene, world, manifold)):
-            root = manifold.roots[k]
+        for k in range(_crossings_between(still, shot, q, scene, world, search)):
+            root = world.roots[k]
             at, facet = Vec2(root.x, root.y), np.int64(root.facet)
             _join_at(at, facet, root.multiplicity, q, i, shot, scene, world)
 

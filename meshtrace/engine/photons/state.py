@@ -1,6 +1,8 @@
 """A photon under way, what all photons of a chunk share, and the paths that are recorded.
 
-Analog and joined photons have common fields and steps. Names are those of `photons.flight`.
+Analog and joined photons have common fields and steps. A photon is a record, which kernels change
+in place; what its chunk shares is a NamedTuple, which they only read: numba would build another
+tuple for each change of a field. Names are those of `photons.flight`.
 """
 
 from __future__ import annotations
@@ -31,8 +33,10 @@ UNDER_WAY = [
     ("weight", float),
     ("free", float),  # path to the next collision [m], inf without one
     ("water", float),  # path in the water so far [m]
+    # Random numbers are a function of both (`kernels.random`): results depend neither on threads
+    # nor on the order of photons, and a chunk that is followed again takes the same paths.
     ("id", np.int64),
-    ("event", np.int64),  # number of the event under way: with the id it selects random numbers
+    ("event", np.int64),  # number of the event under way
     ("tint", float, (TINTS,)),  # see `meshtrace.kernels.tints`
 ]
 """Fields that analog and joined photons share."""
@@ -41,14 +45,20 @@ PHOTON = record_type(
     [
         *UNDER_WAY,
         ("air", float),  # path in the air [m]
-        ("crossings", np.int64),  # of the surface, refracted or reflected
+        # Of the surface, refracted or reflected. Light of one crossing and no turn is unscattered,
+        # which facets may score in place of photons, without noise: `World.scores_unscattered`.
+        ("crossings", np.int64),
         ("facet", np.int64),  # ahead, -1: none
         ("in_water", np.int64),  # 0 or 1
-        ("retry", np.int64),  # rays that missed the surface since the last step
+        # rays that missed the surface since the last step: single precision slips through edges,
+        # and they are cast again from a point aside
+        ("retry", np.int64),
         ("turned", np.int64),  # scatterings, and reflections by the bottom
         ("turned_by", np.int64),  # the last of them: SCATTERED or BOTTOM, DIRECT before the first
         ("body", np.int64),  # facet of a body at the end of the free path, -1: none
-        ("outcome", np.int64),  # RECEIVED or LANDED once light left the sea, else -1
+        # RECEIVED or LANDED once light left the sea, else -1: a photon whose reflected part goes
+        # on is counted by the transmitted one
+        ("outcome", np.int64),
     ]
 )
 """A photon under way."""
@@ -69,18 +79,11 @@ class Vertex(IntEnum):
     BODY = 9  # reflected by a body
 
 
-class Limits(NamedTuple):
-    """Conditions that end a photon."""
-
-    weight: float  # below it Russian roulette is played
-    survival: float  # 0: survive with weight / limit; else with this probability
-    events: int  # collisions, crossings and reflections, at most
-    surface_events: int  # crossings, at most
-    unscattered: bool  # whether light that has met its first crossing alone is scored
-
-
 class Recorder(NamedTuple):
-    """Paths of the first photons, for visualisation; tallies are unaffected."""
+    """Paths of the first photons, for visualisation; tallies are unaffected.
+
+    Arrays of a fixed size, as kernels allocate nothing; those of no photons switch it off.
+    """
 
     vertex: NDArray[np.float64]  # (photons, vertices, 3)
     weight: NDArray[np.float64]  # (photons, vertices)
@@ -89,24 +92,33 @@ class Recorder(NamedTuple):
 
 
 class World(NamedTuple):
-    """Everything that the photons of a chunk share."""
+    """Everything that the photons of a chunk share.
 
-    first: int  # id of the first photon
+    Where None is possible kernels are compiled for its type, without the code for the rest: links
+    without bodies, or at one wavelength, pay nothing for them.
+    """
+
+    first: int  # id of the first photon, the row 0 of `tallies.score`
     seed: np.uint64
     sources: Sources
     surface: MeshArrays
     grid: Grid
-    bodies: BodyArrays | None  # None: kernels of links without bodies compile nothing of them
+    bodies: BodyArrays | None
     medium: Medium
     apertures: tally.Apertures
     interface: Interface
-    limits: Limits
+    least_weight: float  # below it Russian roulette is played
+    survival: float  # probability in that roulette; 0: weight / least_weight
+    max_events: int  # collisions, crossings and reflections of a photon
+    max_crossings: int  # of the surface, among them
+    scores_unscattered: bool  # whether light that has met its first crossing alone is scored
     tallies: tally.Tallies
     recorder: Recorder
     back: Backward  # receivers from which photons run backwards, `FORWARD` for photons of sources
     tints: Tints | None
     bvh: Bvh
-    photon: NDArray[np.void]  # (1,) PHOTON, the one under way
+    # (1,) PHOTON, the one under way: an array of the caller, since kernels make none
+    photon: NDArray[np.void]
 
 
 @inlined
@@ -136,6 +148,7 @@ def head(q, d):
 @inlined
 def record(recorder, q, what):
     """Record an event of a photon if its path is kept."""
+    # the test is inlined and the writing is not: nearly all photons stop here
     if q.id < len(recorder.length):
         write_vertex(recorder, q.id, place(q), q.weight, what)
 

@@ -154,22 +154,6 @@ _BENT = 0.1  # tuned: fall of that chance with the squared slope over its varian
 SPARE = 16
 
 
-class SameSide(NamedTuple):
-    """What joined photons need besides where lamps and receivers lie on one side."""
-
-    in_water: (
-        bool  # receivers are joined straight and by the mirror of the surface; else through it
-    )
-
-
-class Manifold(NamedTuple):
-    """Search for crossings with the buffers of one thread."""
-
-    search: crossing.Search  # for targets without bounds
-    flat: NDArray[np.void]  # (1,) FLAT
-    roots: NDArray[np.void]  # ROOT
-
-
 class JoinedWorld(NamedTuple):
     """Everything that the joined photons of a block share."""
 
@@ -181,9 +165,13 @@ class JoinedWorld(NamedTuple):
     medium: Medium
     interface: Interface
     joins: Joins
-    manifold: Manifold | None  # for smooth waves
+    search: crossing.Search | None  # of crossings of smooth waves, without the reach of a target
+    flat: NDArray[np.void]  # (1,) FLAT, scratch for the crossing of still water
+    roots: NDArray[np.void]  # ROOT, scratch for those of waves
     bodies: BodyArrays | None  # None: kernels of links without bodies compile nothing of them
-    same_side: SameSide | None  # None: kernels of links that change sides compile nothing of it
+    # lamps and receivers lie under the surface, or over it (False); None: on two sides, so that
+    # kernels compile nothing of ways that stay on one
+    under: bool | None
     events: int  # after which a photon is ended
     tints: Tints | None
     bvh: Bvh
@@ -216,14 +204,14 @@ def scene_to(t, world):
     bins, facets = joins.locator, joins.facets
     return Scene(
         lamp, target, surface, bins, facets, world.medium, world.interface, False,
-        is_mirrored(world.same_side), None,
+        is_mirrored(world.under), None,
     )  # fmt: skip
 
 
 @inlined
-def is_mirrored(same_side):
+def is_mirrored(under):
     """Return whether light reaches the targets by reflection at the surface."""
-    return same_side is not None and same_side.in_water
+    return under is not None and under
 
 
 @inlined
@@ -384,9 +372,9 @@ def mixed_phase(d, w, p, world):
 
 
 @inlined
-def note_event(q, same_side):
+def note_event(q, under):
     """Note the place of an event of a photon, from which a mirrored way starts."""
-    if same_side is not None:
+    if under is not None:
         write(q.event_at, place(q))
         q.facet = -1
 
@@ -442,7 +430,7 @@ def bend_ahead(p, d, level, world):
     if d.z <= 0.0:
         return bend
     n_before, n_behind = world.medium.n_water, world.medium.n_air
-    if is_mirrored(world.same_side):
+    if is_mirrored(world.under):
         n_before, n_behind = 1.0, 1.0
     way = max(level - p.z, 0.0) / d.z
     at = Vec3(p.x + way * d.x, p.y + way * d.y, level)
@@ -529,7 +517,7 @@ def aim_of(q, world):
     is joined to another point than a collision, and the balance heuristic needs one density of the
     direction for both.
     """
-    if interface.is_rough(world.surface.roughness) or is_mirrored(world.same_side):
+    if interface.is_rough(world.surface.roughness) or is_mirrored(world.under):
         return Vec2(0.0, 0.0)
     return Vec2(q.u, q.v)
 
@@ -556,7 +544,7 @@ def drawn_density(d, phase, q, world):
 @inlined
 def drawn_after(w, phase, q, world):
     """Return `drawn_density` after an event; off walls only links on one side are guided."""
-    if q.turned_by != SCATTERED and world.same_side is None:
+    if q.turned_by != SCATTERED and world.under is None:
         return phase
     return drawn_density(w, phase, q, world)
 

@@ -11,7 +11,7 @@ from scipy.stats import norm as normal
 
 import meshtrace as mt
 from meshtrace.engine import crossing
-from meshtrace.engine.chains import aimed, microfacets, random_slopes
+from meshtrace.engine.chains import aimed, pencils, random_slopes
 from meshtrace.kernels import interface, jit, vectors
 from meshtrace.mesh import UnresolvedSlopes
 from meshtrace.surfaces import FlatSea
@@ -113,7 +113,7 @@ def test_a_gaussian_spot_anywhere_on_the_disk(blur):
 def test_a_gaussian_profile_anywhere_on_a_line(length, rooted):
     """Share of a Gaussian on an interval, by Gauss nodes of it or of the square root."""
     rule = aimed._rule(None, False)
-    n = microfacets._number_of_nodes.py_func(length, 1.0, rule)
+    n = pencils._number_of_nodes.py_func(length, 1.0, rule)
     v, weights = rule.nodes[n - 1, :n], rule.weights[n - 1, :n]
     x, weights = (v * v, 2.0 * v * weights) if rooted else (v, weights)
     center = np.linspace(-3.0, length + 3.0, 60)
