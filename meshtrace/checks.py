@@ -348,10 +348,11 @@ class _Limits(NamedTuple):
     infinite: Infinite | None = None
     shape: Shape | None = None
     unit: bool = False
+    range: str = ""  # of the bounds, as text
 
     def allowed(self, words: str) -> str:
         """Return what is allowed: the words of `Allowed`, the range, or else `words`."""
-        return self.words or range_text(self.bounds, self.name) or words
+        return self.words or self.range or words
 
     def refused(self, value: Any, words: str) -> Refused:
         """Return the refusal of a number outside the bounds; `words` say what is allowed."""
@@ -366,7 +367,7 @@ class _Limits(NamedTuple):
     @property
     def _is_positive(self) -> bool:
         """Whether the only bound is > 0: such numbers are divided by, see `SMALLEST`."""
-        return dict(self.bounds) == {"gt": 0.0}
+        return self.bounds == {"gt": 0.0}
 
     def hold(self, numbers: Any) -> Any:
         """Return whether a number, or each number of an array, lies within the bounds."""
@@ -401,7 +402,9 @@ def _typed(hint: Any, limits: _Limits) -> Any:
         infinite = next((part for part in markers if isinstance(part, Infinite)), None)
         shape = next((part for part in markers if isinstance(part, Shape)), None)
         unit = any(isinstance(part, Unit) for part in markers)
-        return _typed(parts[0], _Limits(limits.name, bounds, words, infinite, shape, unit))
+        # the text is made once: arguments are checked a hundred thousand times in a study
+        shown = range_text(bounds, limits.name)
+        return _typed(parts[0], _Limits(limits.name, bounds, words, infinite, shape, unit, shown))
     if kind in (Union, UnionType):
         return _union(parts, limits)
     if kind is Literal:
@@ -471,7 +474,7 @@ def _float(value: Any, limits: _Limits) -> float:
 
 
 def _int(value: Any, limits: _Limits) -> int:
-    allowed = limits.words or f"an integer {range_text(limits.bounds, limits.name)}".rstrip()
+    allowed = limits.words or f"an integer {limits.range}".rstrip()
     try:
         number = None if isinstance(value, bool) else operator.index(value)
     except TypeError:

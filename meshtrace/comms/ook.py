@@ -539,7 +539,11 @@ class OokLink(Model, frozen=True):
             return math.inf
         # The search starts just above the required power, which is the other root: rounding may
         # put the error rate there on the wrong side of the limit.
-        return _crossing(lambda p: math.log(ber / max(float(self.ber(p)), 1e-300)), 1.001 * low)
+        return _crossing(
+            lambda p: np.log(ber / np.maximum(self.ber(p), 1e-300)),
+            1.001 * low,
+            self.receiver.exact_counts,
+        )
 
     def eye(
         self,
@@ -590,9 +594,9 @@ def _required_power(link: OokLink, ber: float) -> float:
     # begin there, on the same steps.
     likely = start * 4.0**11
 
-    def excess(power: float) -> float:
+    def excess(power: ArrayLike) -> Floats:
         # logarithms make it smooth over decades of power; 1e-300 keeps an underflow finite
-        return math.log(max(float(link.ber(power)), 1e-300) / ber)
+        return np.log(np.maximum(link.ber(power), 1e-300) / ber)
 
     receiver = link.receiver
     # An eye that intersymbol interference closes stays closed at any power. One error rate, at the
@@ -601,10 +605,10 @@ def _required_power(link: OokLink, ber: float) -> float:
         unlimited = link.model_copy(update={"saturation": False})
         if float(unlimited.ber(_MOST_POWER)) >= ber:
             return math.inf
-    return _crossing(excess, likely if excess(likely) >= 0.0 else start)
+    return _crossing(excess, likely if excess(likely) >= 0.0 else start, receiver.exact_counts)
 
 
-def _crossing(excess: Callable[[float], float], start: float) -> float:
+def _crossing(excess: Callable[[ArrayLike], Floats], start: float, costly: bool) -> float:
     """Return the first power at which `excess` falls below 0, or inf [W].
 
     It is sought upwards from `start` [W], where `excess` is not negative, in factors of 4.
@@ -613,10 +617,14 @@ def _crossing(excess: Callable[[float], float], start: float) -> float:
 
     # Small steps: saturated cells close the eye again, and a wide bracket could hold both roots.
     # 45 of them span 27 decades; `_MOST_POWER` ends most searches sooner.
-    for low in start * 4.0 ** np.arange(45):
-        if 4.0 * low > _MOST_POWER:
-            break
-        if excess(4.0 * low) < 0.0:
-            bracket = math.log(low), math.log(4.0 * low)
+    powers = start * 4.0 ** np.arange(1, 46)
+    powers = powers[powers <= _MOST_POWER]
+    # several powers take the time of one, but where each has a law of its own
+    width = 1 if costly else 15
+    for first in range(0, len(powers), width):
+        below = np.flatnonzero(excess(powers[first : first + width]) < 0.0)
+        if below.size:
+            high = powers[first + below[0]]
+            bracket = math.log(0.25 * high), math.log(high)
             return math.exp(float(brentq(lambda x: excess(math.exp(x)), *bracket, xtol=1e-8)))
     return math.inf

@@ -418,6 +418,7 @@ class LinkModel:
         """Return the required power [W] for a background scaled by `brightness`."""
         return float(self.need(period)(brightness * self.background_by(period).count_rate(ook)))
 
+    @cache  # noqa: B019 - night and day scan the same optics
     def _behind(self, radius: float, fov_deg: float, width: float) -> OokLink:
         """Return the receiver in the dark behind other optics."""
         optics = self.dark.optics.replace(radius=radius, fov_deg=fov_deg, filter_width_nm=width)
