@@ -3,11 +3,12 @@
 import os
 import subprocess
 import sys
+from threading import get_ident
 
 import pytest
 
 from meshtrace import parallel
-from meshtrace.parallel import default_threads
+from meshtrace.parallel import default_threads, ordered_map, results_of
 from meshtrace.studies import cluster
 
 
