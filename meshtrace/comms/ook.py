@@ -539,10 +539,9 @@ class OokLink(Model, frozen=True):
             return math.inf
         # The search starts just above the required power, which is the other root: rounding may
         # put the error rate there on the wrong side of the limit.
+        costly = self.receiver.exact_counts
         return _crossing(
-            lambda p: np.log(ber / np.maximum(self.ber(p), 1e-300)),
-            1.001 * low,
-            self.receiver.exact_counts,
+            lambda p: np.log(ber / np.maximum(self.ber(p), 1e-300)), 1.001 * low, costly
         )
 
     def eye(

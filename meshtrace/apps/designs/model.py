@@ -247,9 +247,13 @@ class LinkModel:
         if self.array is None:
             return every
         series = every.series
-        names = "gain", "gain_stderr", "gain_ballistic"
-        first: dict[str, Any] = {name: getattr(series, name)[:, 0] for name in names}
-        series = replace(series, **first, mean_stderr=float(series.mean_stderrs[0]))
+        series = replace(
+            series,
+            gain=series.gain[:, 0],
+            gain_stderr=series.gain_stderr[:, 0],
+            gain_ballistic=series.gain_ballistic[:, 0],
+            mean_stderr=float(series.mean_stderrs[0]),
+        )
         return replace(every, series=series, array=None)
 
     @cache  # noqa: B019
@@ -408,14 +412,10 @@ class LinkModel:
     ) -> float:  # fmt: skip
         """Return the reserve [dB] at a ratio of gains, behind the given or other optics."""
         optics = self.dark.optics
-        fov = optics.fov_deg if fov_deg is None else fov_deg
+        fov = fov_deg or optics.fov_deg
         # a scan over the lens or the filter needs no backgrounds of other views
         bright = 1.0 if fov_deg is None else self._brightness(period)(fov)
-        ook = self._with_optics(
-            optics.radius if radius is None else radius,
-            fov,
-            optics.filter_width_nm if width is None else width,
-        )
+        ook = self._with_optics(radius or optics.radius, fov, width or optics.filter_width_nm)
         need = self.needed(period, ook, bright)
         return self.margin_db(period, log_ratio + self.quantile(fov), ook, need)
 
@@ -544,15 +544,12 @@ class LinkModel:
         absorbed, error_a = self.means.log_ratio(straight, empty)
         scattered, error_b = self.means.log_ratio(link, straight)
         water = [_same("absorption in the water", DECIBELS * absorbed, DECIBELS * error_a)]
-        name, rest, error = (
-            "geometry, surface and scattering",
-            gain_db - DECIBELS * absorbed,
-            error_a,
-        )
+        name, error = "geometry, surface and scattering", error_a
+        rest = gain_db - DECIBELS * absorbed
         if DECIBELS * error_b <= _UNKNOWN_DB:
             water.append(_same("scattering in the water", DECIBELS * scattered, DECIBELS * error_b))
-            name, rest = "geometry and surface", gain_db - DECIBELS * (scattered + absorbed)
-            error = math.hypot(error_a, error_b)
+            name, error = "geometry and surface", math.hypot(error_a, error_b)
+            rest -= DECIBELS * scattered
         return [_same(name, rest, math.hypot(chain_error_db, DECIBELS * error)), *water]
 
     def _needs(self, period: str) -> tuple[float, ...]:
