@@ -360,14 +360,9 @@ class _Limits(NamedTuple):
         # inside the bounds of the annotation, but too large or too small to compute with
         if math.isfinite(number) and abs(number) > LARGEST:
             words = f"at most {LARGEST:g} in magnitude"
-        elif self._is_positive and 0.0 < number < SMALLEST:
+        elif self.bounds == {"gt": 0.0} and 0.0 < number < SMALLEST:
             words = f"at least {SMALLEST:g}"
         return Refused("", value, words)
-
-    @property
-    def _is_positive(self) -> bool:
-        """Whether the only bound is > 0: such numbers are divided by, see `SMALLEST`."""
-        return self.bounds == {"gt": 0.0}
 
     def hold(self, numbers: Any) -> Any:
         """Return whether a number, or each number of an array, lies within the bounds."""
@@ -375,7 +370,8 @@ class _Limits(NamedTuple):
         good = abs(numbers) <= most  # False for nan
         if self.infinite and self.infinite.missing:
             good = good | (numbers != numbers)  # nan
-        if self._is_positive:
+        # where the only bound is > 0, numbers are divided by, see `SMALLEST`
+        if self.bounds == {"gt": 0.0}:
             good = good & (numbers >= SMALLEST)
         for key, bound in self.bounds.items():
             good = good & _COMPARISONS[key](numbers, bound)

@@ -229,8 +229,7 @@ def results_of(threads: int, *functions: Callable[[], Any]) -> list[Any]:
     def call(function: Callable[[], Any]) -> Any:
         # loops inside share the threads already: a pool for each would have threads squared, whose
         # heaps keep a tenth of the memory of a design; this thread ends with its pool
-        if threads > 1:
-            _worker.is_busy = True
+        _worker.is_busy = threads > 1
         return function()
 
     return list(ordered_map(call, functions, threads, len(functions)))
