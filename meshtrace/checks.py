@@ -322,11 +322,12 @@ class _Limits(NamedTuple):
     infinite: Infinite | None = None
     shape: Shape | None = None
     unit: bool = False
+    range: str = ""  # of the bounds, as text
     words: str = ""  # in place of the range
 
     def allowed(self, words: str) -> str:
         """Return what is allowed: the words of the limits, the range, or else `words`."""
-        return self.words or range_text(self.bounds, self.name) or words
+        return self.words or self.range or words
 
     def refused(self, value: Any, words: str) -> Refused:
         """Return the refusal of a number outside the bounds; `words` say what is allowed."""
@@ -334,14 +335,9 @@ class _Limits(NamedTuple):
         # inside the bounds of the annotation, but too large or too small to compute with
         if math.isfinite(number) and abs(number) > LARGEST:
             words = f"at most {LARGEST:g} in magnitude"
-        elif self._is_positive and 0.0 < number < SMALLEST:
+        elif self.bounds == {"gt": 0.0} and 0.0 < number < SMALLEST:
             words = f"at least {SMALLEST:g}"
         return Refused("", value, words)
-
-    @property
-    def _is_positive(self) -> bool:
-        """Whether the only bound is > 0: such numbers are divided by, see `SMALLEST`."""
-        return dict(self.bounds) == {"gt": 0.0}
 
     def hold(self, numbers: Any) -> Any:
         """Return whether a number, or each number of an array, lies within the bounds."""
@@ -349,7 +345,8 @@ class _Limits(NamedTuple):
         good = abs(numbers) <= most  # False for nan
         if self.infinite and self.infinite.missing:
             good = good | (numbers != numbers)  # nan
-        if self._is_positive:
+        # where the only bound is > 0, numbers are divided by, see `SMALLEST`
+        if self.bounds == {"gt": 0.0}:
             good = good & (numbers >= SMALLEST)
         for key, bound in self.bounds.items():
             good = good & _COMPARISONS[key](numbers, bound)
@@ -375,7 +372,9 @@ def _typed(hint: Any, limits: _Limits) -> Any:
         infinite = next((part for part in markers if isinstance(part, Infinite)), None)
         shape = next((part for part in markers if isinstance(part, Shape)), None)
         unit = any(isinstance(part, Unit) for part in markers)
-        return _typed(parts[0], _Limits(limits.name, bounds, infinite, shape, unit))
+        # the text is made once: arguments are checked a hundred thousand times in a study
+        shown = range_text(bounds, limits.name)
+        return _typed(parts[0], _Limits(limits.name, bounds, infinite, shape, unit, shown))
     if kind in (Union, UnionType):
         return _union(parts, limits)
     if kind is Literal:
@@ -445,7 +444,7 @@ def _float(value: Any, limits: _Limits) -> float:
 
 
 def _int(value: Any, limits: _Limits) -> int:
-    allowed = f"an integer {range_text(limits.bounds, limits.name)}".rstrip()
+    allowed = f"an integer {limits.range}".rstrip()
     try:
         number = None if isinstance(value, bool) else operator.index(value)
     except TypeError:

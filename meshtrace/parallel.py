@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from functools import cache, wraps
 from math import ceil
 from pathlib import Path
-from threading import Lock
+from threading import Lock, local
 from time import monotonic, thread_time
 from typing import Any, ParamSpec, TypeVar
 
@@ -23,6 +23,7 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 Options = ParamSpec("Options")
 
+_worker = local()  # `is_busy` in the threads of `results_of`
 
 _QUOTA = Path("/sys/fs/cgroup/cpu.max")
 """File "QUOTA PERIOD" of Linux: CPU time [us] that a container may use in each period [us]."""
@@ -199,7 +200,7 @@ def ordered_map(
     [1, 2, 3]
     """
     # the caller's thread: no pool to start, and errors keep their plain traceback
-    if threads == 1:
+    if threads == 1 or getattr(_worker, "is_busy", False):
         return map(function if _recorded is None else _timed(function, _recorded), jobs)
     return _in_threads(function, jobs, threads, ahead)
 
@@ -219,7 +220,14 @@ def results_of(threads: int, *functions: Callable[[], Any]) -> list[Any]:
     >>> results_of(2, dict, list)
     [{}, []]
     """
-    return list(ordered_map(lambda function: function(), functions, threads, len(functions)))
+
+    def call(function: Callable[[], Any]) -> Any:
+        # loops inside share the threads already: a pool for each would have threads squared, whose
+        # heaps keep a tenth of the memory of a design; this thread ends with its pool
+        _worker.is_busy = threads > 1
+        return function()
+
+    return list(ordered_map(call, functions, threads, len(functions)))
 
 
 def _in_threads(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -539,7 +538,7 @@ class OokLink(Model, frozen=True):
             return math.inf
         # The search starts just above the required power, which is the other root: rounding may
         # put the error rate there on the wrong side of the limit.
-        return _crossing(lambda p: math.log(ber / max(float(self.ber(p)), 1e-300)), 1.001 * low)
+        return _crossing(self, ber, 1.001 * low, -1.0)
 
     def eye(
         self,
@@ -590,33 +589,37 @@ def _required_power(link: OokLink, ber: float) -> float:
     # begin there, on the same steps.
     likely = start * 4.0**11
 
-    def excess(power: float) -> float:
-        # logarithms make it smooth over decades of power; 1e-300 keeps an underflow finite
-        return math.log(max(float(link.ber(power)), 1e-300) / ber)
-
     receiver = link.receiver
     # An eye that intersymbol interference closes stays closed at any power. One error rate, at the
     # greatest power and without saturation, tells so and spares the search.
     if receiver.has_pulses and not receiver.exact_counts:
-        unlimited = link.model_copy(update={"saturation": False})
-        if float(unlimited.ber(_MOST_POWER)) >= ber:
+        if float(link.replace(saturation=False).ber(_MOST_POWER)) >= ber:
             return math.inf
-    return _crossing(excess, likely if excess(likely) >= 0.0 else start)
+    return _crossing(link, ber, likely if float(link.ber(likely)) >= ber else start)
 
 
-def _crossing(excess: Callable[[float], float], start: float) -> float:
-    """Return the first power at which `excess` falls below 0, or inf [W].
+def _crossing(link: OokLink, ber: float, start: float, sign: float = 1.0) -> float:
+    """Return the first power at which the error rate falls below `ber`, or inf [W].
 
-    It is sought upwards from `start` [W], where `excess` is not negative, in factors of 4.
+    It is sought upwards from `start` [W], where the rate is higher, in factors of 4. With a `sign`
+    of -1 it is the power at which the rate rises above `ber`.
     """
     from scipy.optimize import brentq
 
+    def excess(power: ArrayLike) -> Floats:
+        # logarithms make it smooth over decades of power; 1e-300 keeps an underflow finite
+        return sign * np.log(np.maximum(link.ber(power), 1e-300) / ber)
+
     # Small steps: saturated cells close the eye again, and a wide bracket could hold both roots.
     # 45 of them span 27 decades; `_MOST_POWER` ends most searches sooner.
-    for low in start * 4.0 ** np.arange(45):
-        if 4.0 * low > _MOST_POWER:
-            break
-        if excess(4.0 * low) < 0.0:
-            bracket = math.log(low), math.log(4.0 * low)
+    powers = start * 4.0 ** np.arange(1, 46)
+    powers = powers[powers <= _MOST_POWER]
+    # several powers take the time of one, but where each has a law of its own
+    width = 1 if link.receiver.exact_counts else 15
+    for first in range(0, len(powers), width):
+        below = np.flatnonzero(excess(powers[first : first + width]) < 0.0)
+        if below.size:
+            high = powers[first + below[0]]
+            bracket = math.log(0.25 * high), math.log(high)
             return math.exp(float(brentq(lambda x: excess(math.exp(x)), *bracket, xtol=1e-8)))
     return math.inf

@@ -3,11 +3,12 @@
 import os
 import subprocess
 import sys
+from threading import get_ident
 
 import pytest
 
 from meshtrace import parallel
-from meshtrace.parallel import default_threads
+from meshtrace.parallel import default_threads, ordered_map, results_of
 from meshtrace.studies import cluster
 
 
@@ -62,3 +63,13 @@ def test_a_process_on_one_core_has_one_thread():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.stdout == "1\n", done.stderr
+
+
+def test_loops_of_parallel_functions_share_their_threads():
+    # a pool for each would have as many threads as the square of those asked for
+    def loop():
+        return {get_ident()} | set(ordered_map(lambda _: get_ident(), range(8), 2))
+
+    assert [len(threads) for threads in results_of(2, loop, loop)] == [1, 1]
+    # the calling thread has pools again
+    assert get_ident() not in set(ordered_map(lambda _: get_ident(), range(8), 2))

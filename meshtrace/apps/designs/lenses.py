@@ -52,12 +52,10 @@ def two_lenses(link: Link, surface: object, spread: float, outage: float) -> tup
         gains = np.array([gain(r) for r in rho.tolist()])
         enough = np.flatnonzero(gains >= _MOST * most)
         apart = math.nan
-        if len(enough) and enough[0] > 0:
-            # linear in ln(distance) between the two distances that the gain passes
-            pair = slice(enough[0] - 1, enough[0] + 1)
+        if len(enough):
+            # linear in ln(distance) between the two distances that the gain passes, if any
+            pair = slice(max(enough[0] - 1, 0), enough[0] + 1)
             apart = math.exp(np.interp(_MOST * most, gains[pair], np.log(distances[pair])))
-        elif len(enough):
-            apart = float(distances[0])
         shown = zip(*(x[_SHOWN].tolist() for x in (distances, rho, gains)), strict=True)
         table += [TwoLenses(name, d, r, g, apart) for d, r, g in shown]
     return tuple(table)

@@ -161,6 +161,7 @@ class Need:
 
     def __init__(self, dark: OokLink, background: Background, limit: float) -> None:
         receiver = with_background(dark, background)
+        # the window of the link in its background stays in all scans, but for bit rates
         self.window = receiver.averaging_window
         self.exact = receiver.required_power(limit)
         fixed = dark.replace(window=self.window)
@@ -195,10 +196,13 @@ class LinkModel:
         assert isinstance(scenario, Scenario)
         self.outage, self.limit, first = outage, limit, with_first(campaign.link)
         receiver = OokLink.of_link(first, scenario.detector or "physical")
+        # `link` has the first receiver alone, of which all scans are; `whole` has all of them
         self.link, self.whole = receiver.channel(first), receiver.channel(campaign.link)
         self.array = array_of(campaign.link, receiver, combining, needs_one_view=True)
         self.campaign = campaign.for_link(self.link)
+        # two samples of seas: few smooth ones for ratios of mean gains, many with waves for fading
         self.means = MeanGains(self.campaign, seas)
+        # without background light, which differs by night and by day and is added where it counts
         self.dark = through_channel(receiver, self.campaign._replace(progress=None), seas)
         self._response_is_computed = receiver.response is None and self.dark.response is not None
         uav = scenario.uav if self.link.direction == "up" else None
@@ -212,7 +216,7 @@ class LinkModel:
             night, day = day, None
         self.assumed = day is None
         self.daylights = {NIGHT: night, DAY: day or Daylight.clear_sky(30.0, wavelength_nm=nm)}
-        self._rays = Lights(self.campaign._replace(progress=None))
+        self._backgrounds = Lights(self.campaign._replace(progress=None))
         self.windows: dict[str, tuple[Floats, Floats]] = {}  # shares of a bit over ln(bit rate)
 
     def notes(self) -> tuple[str, ...]:
@@ -232,21 +236,25 @@ class LinkModel:
     # ---- gains ------------------------------------------------------------------------------
 
     @cached_property
-    def _each(self) -> FadingSamples:
+    def _all_fades(self) -> FadingSamples:
         """Gains of all receivers of the given link, and tilt factors."""
         return self.ensemble.samples(self.whole)
 
     @cached_property
     def fades(self) -> FadingSamples:
         """Gains and tilt factors of the first receiver of the given link."""
-        each = self._each
+        every = self._all_fades
         if self.array is None:
-            return each
-        series = each.series
-        names = "gain", "gain_stderr", "gain_ballistic"
-        first: dict[str, Any] = {name: getattr(series, name)[:, 0] for name in names}
-        series = replace(series, **first, mean_stderr=float(series.mean_stderrs[0]))
-        return replace(each, series=series, array=None)
+            return every
+        series = every.series
+        series = replace(
+            series,
+            gain=series.gain[:, 0],
+            gain_stderr=series.gain_stderr[:, 0],
+            gain_ballistic=series.gain_ballistic[:, 0],
+            mean_stderr=float(series.mean_stderrs[0]),
+        )
+        return replace(every, series=series, array=None)
 
     @cache  # noqa: B019
     def array_gain(self, period: str) -> float:
@@ -254,7 +262,8 @@ class LinkModel:
         if self.array is None:
             return 0.0
         background = self.background_by(period)
-        both = self._each.combined(self.dark, lambda o: with_background(o, background), self.limit)
+        fades = self._all_fades
+        both = fades.combined(self.dark, lambda o: with_background(o, background), self.limit)
         tilt = self.fades.tilt
         all_together, first = (
             log_quantile(samples.series.gain, tilt, self.outage) for samples in (both, self.fades)
@@ -391,7 +400,7 @@ class LinkModel:
     def radiance(self, period: str, link: Link) -> float:
         """Return the mean radiance of a link."""
         variant = Variant(link, None, daylight=self.daylights[period])
-        background = self._rays.background(variant)
+        background = self._backgrounds.background(variant)
         assert background is not None
         return max(background.radiance, 1e-300)
 
@@ -403,14 +412,10 @@ class LinkModel:
     ) -> float:  # fmt: skip
         """Return the reserve [dB] at a ratio of gains, behind the given or other optics."""
         optics = self.dark.optics
-        fov = optics.fov_deg if fov_deg is None else fov_deg
+        fov = fov_deg or optics.fov_deg
         # a scan over the lens or the filter needs no backgrounds of other views
         bright = 1.0 if fov_deg is None else self._brightness(period)(fov)
-        ook = self._behind(
-            optics.radius if radius is None else radius,
-            fov,
-            optics.filter_width_nm if width is None else width,
-        )
+        ook = self._with_optics(radius or optics.radius, fov, width or optics.filter_width_nm)
         need = self.needed(period, ook, bright)
         return self.margin_db(period, log_ratio + self.quantile(fov), ook, need)
 
@@ -418,7 +423,8 @@ class LinkModel:
         """Return the required power [W] for a background scaled by `brightness`."""
         return float(self.need(period)(brightness * self.background_by(period).count_rate(ook)))
 
-    def _behind(self, radius: float, fov_deg: float, width: float) -> OokLink:
+    @cache  # noqa: B019 - night and day scan the same optics
+    def _with_optics(self, radius: float, fov_deg: float, width: float) -> OokLink:
         """Return the receiver in the dark behind other optics."""
         optics = self.dark.optics.replace(radius=radius, fov_deg=fov_deg, filter_width_nm=width)
         ook = self.dark.replace(optics=optics)
@@ -449,13 +455,13 @@ class LinkModel:
 
     def brightness(self, period: str, wavelengths_nm: Sequence[float]) -> Floats:
         """Return the radiances at wavelengths [nm] over that at the wavelength of the link."""
-        day, own_nm = self.daylights[period], self.link.transmitters[0].wavelength_nm
+        day, link_nm = self.daylights[period], self.link.transmitters[0].wavelength_nm
         # the night and a uniform sky have one radiance at all wavelengths
         if day.pattern == "uniform":
             return np.ones(len(wavelengths_nm))
-        backgrounds = self._rays.at_wavelengths(self.link, day, wavelengths_nm)
+        backgrounds = self._backgrounds.at_wavelengths(self.link, day, wavelengths_nm)
         radiance = np.maximum([background.radiance for background in backgrounds], 1e-300)
-        return np.asarray(radiance / radiance[list(wavelengths_nm).index(own_nm)])
+        return np.asarray(radiance / radiance[list(wavelengths_nm).index(link_nm)])
 
     def at_colour(self, period: str, link: Link, log_ratio: float, bright: float) -> float:
         """Return the reserve at another wavelength [dB], under the background there.
@@ -478,7 +484,7 @@ class LinkModel:
         """Return the figures of the given link, as in `link_performance`."""
         background, seed = self.background_by(period), self.campaign.run.seed
         point = operating_point(
-            self.dark, self.link.depth, self._each, self.limit, 0.95, seed, background
+            self.dark, self.link.depth, self._all_fades, self.limit, 0.95, seed, background
         )
         receiver = with_background(self.dark, background)
         return Figures(
@@ -538,15 +544,12 @@ class LinkModel:
         absorbed, error_a = self.means.log_ratio(straight, empty)
         scattered, error_b = self.means.log_ratio(link, straight)
         water = [_same("absorption in the water", DECIBELS * absorbed, DECIBELS * error_a)]
-        name, rest, error = (
-            "geometry, surface and scattering",
-            gain_db - DECIBELS * absorbed,
-            error_a,
-        )
+        name, error = "geometry, surface and scattering", error_a
+        rest = gain_db - DECIBELS * absorbed
         if DECIBELS * error_b <= _UNKNOWN_DB:
             water.append(_same("scattering in the water", DECIBELS * scattered, DECIBELS * error_b))
-            name, rest = "geometry and surface", gain_db - DECIBELS * (scattered + absorbed)
-            error = math.hypot(error_a, error_b)
+            name, error = "geometry and surface", math.hypot(error_a, error_b)
+            rest -= DECIBELS * scattered
         return [_same(name, rest, math.hypot(chain_error_db, DECIBELS * error)), *water]
 
     def _needs(self, period: str) -> tuple[float, ...]:
@@ -592,7 +595,7 @@ class LinkModel:
         log, error = self.separate_run(link)
         background = self._background(period, link)
         aperture = link.only_receiver
-        dark = self._behind(aperture.radius, aperture.fov_deg, width)
+        dark = self._with_optics(aperture.radius, aperture.fov_deg, width)
         if self.spreads:
             dark = dark.replace(response=self.response(link))
         need = with_background(dark, background).required_power(self.limit)

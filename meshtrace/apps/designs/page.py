@@ -259,9 +259,8 @@ class Design(Stored, kind="design", title="meshtrace design"):
             else:
                 short = f"{-reserve:.1f} +- {error:.2f} dB short"
                 lines.append(f"By {period}: no. It is {short} of closing {share}.")
-            lines += [
-                f"  {text}" for text in (self._best_optics(period), self._alone(period)) if text
-            ]
+            more = self._best_optics(period), self._alone(period)
+            lines += [f"  {text}" for text in more if text]
         return tuple(lines)
 
     def _best_optics(self, period: Period) -> str:
@@ -316,19 +315,20 @@ class Design(Stored, kind="design", title="meshtrace design"):
             f"{_choices_table([choice for choice in self.choices if choice.light == period])}"
             for period in PERIODS
         ]
-        parts = [
+        parts: list[tuple[str, ...]] = [
             ("ANSWER", "", *map(wrapped, self.answer)),
             ("FIGURES", "", self._figures_table(), *abouts),
             ("LENS, FIELD OF VIEW AND FILTER TOGETHER", "", *self._together_lines()),
             *((text,) for text in best),
             ("JUST CLOSES, each alone", "", *self._reach_lines()),
             ("BUDGET", "", self._budget_table()),
-            *([("WHICH SPOT, WHICH LATENCY", "", *spot_lines(self.spots, self.outage))]
-              if self.spots else []),
-            *((("TWO LENSES", "", *self._lenses_lines()),) if self.two_lenses else ()),
-            ("WATER AND NOTES", "", f"water: {water_of(self.provenance)}", *self.notes,
-             self.status),
-        ]  # fmt: skip
+        ]
+        if self.spots:
+            parts.append(("WHICH SPOT, WHICH LATENCY", "", *spot_lines(self.spots, self.outage)))
+        if self.two_lenses:
+            parts.append(("TWO LENSES", "", *self._lenses_lines()))
+        water = f"water: {water_of(self.provenance)}"
+        parts.append(("WATER AND NOTES", "", water, *self.notes, self.status))
         return "\n\n".join("\n".join(part) for part in parts)
 
     def _figures_table(self) -> str:

@@ -56,9 +56,8 @@ def tracked_spots(link: Link, surface: Any, threads: int = 1) -> tuple[TrackedSp
     beam: Any = link.transmitters[0]
     sea = getattr(surface, "short_waves", surface)
     single = len(link.transmitters) == len(link.receivers) == 1
-    if not (single and link.direction == "up" and hasattr(beam, "tracker")):
-        return ()
-    if not hasattr(sea, "slope_spectrum"):
+    aimed = single and link.direction == "up" and hasattr(beam, "tracker")
+    if not (aimed and hasattr(sea, "slope_spectrum")):
         return ()
     spread = math.tan(math.radians(min(beam.divergence_deg, 89.0)))
     beam_radius = math.hypot(beam.size, beam.depth * spread)
