@@ -272,7 +272,7 @@ def _spread(detector: OokLink) -> str:
     text = f"{text}, {detector.spread_in_bits:.2g} bit"
     # what the spread of the pulses costs in power
     cost = detector.required_power(LIMIT) / detector.replace(response=None).required_power(LIMIT)
-    return f"{text}, {minus(f'{10.0 * math.log10(cost):.1f} dB')}" if np.isfinite(cost) else text
+    return f"{text}, costs {10.0 * math.log10(cost):.1f} dB" if np.isfinite(cost) else text
 
 
 def fading_reading(session: Session) -> dict[str, Any]:
