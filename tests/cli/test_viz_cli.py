@@ -207,7 +207,7 @@ def test_a_picture_needs_opengl(monkeypatch):
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.setattr("meshtrace.viz.show._window_class", lambda **_: "vtkOSOpenGLRenderWindow")
     monkeypatch.setattr("meshtrace.viz.show.find_library", lambda name: None)
-    assert refusal("--screenshot", "a.png").startswith("screenshot: no OpenGL, allowed: html")
+    assert refusal("--screenshot", "a.png").startswith("--screenshot: no OpenGL, allowed: html")
 
 
 def test_results_of_later_formats_are_refused(tmp_path):
