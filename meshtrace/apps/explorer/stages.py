@@ -253,9 +253,9 @@ def influences(state: State, check: Check) -> Iterator[tuple[Influence, ...]]:
     spread as at the state itself.
     """
     *_, signal = gains(state, check)
-    found, end = [], time.monotonic() + _LONGEST
+    changes, end = [], time.monotonic() + _LONGEST
     if signal.detector is not None and signal.gain.gains[0] > 0.0:
-        light = _with_warnings(partial(_light, state))[0]
+        sky_light = _with_warnings(partial(_light, state))[0]
         for name in INPUTS:
             check()
             value = state.values[name]
@@ -265,15 +265,20 @@ def influences(state: State, check: Check) -> Iterator[tuple[Influence, ...]]:
             moved = unless_refused(partial(state.moved, wanted))
             if moved is None or moved.moves == state.moves:
                 continue
-            pair = partial(_influence, name, state, moved, signal, light, check)
+            pair = partial(_influence, name, state, moved, signal, sky_light, check)
             influence = _with_warnings(partial(unless_refused, pair))[0]
             if influence is not None and math.isfinite(influence.change + influence.stderr):
-                found.append(influence)
-    yield tuple(sorted(found, key=lambda influence: -abs(influence.change)))
+                changes.append(influence)
+    yield tuple(sorted(changes, key=lambda influence: -abs(influence.change)))
 
 
 def _influence(
-    name: str, state: State, moved: State, signal: Signal, light: Background | None, check: Check
+    name: str,
+    state: State,
+    moved: State,
+    signal: Signal,
+    sky_light: Background | None,
+    check: Check,
 ) -> Influence:
     """Return the change of the margin from one state to another, which differ in one control."""
     change = error = 0.0
@@ -285,7 +290,7 @@ def _influence(
             realizations=_SEAS if name in _OF_SEA else 1, progress=check,
         )  # fmt: skip
         change, error = float(pair.ratio_db[1]), float(pair.ratio_db_stderr[1])
-        light = _light(moved)
+        sky_light = _light(moved)
 
     def margin(detector: OokLink, more: float = 0.0) -> float:
         """Return the margin at the gain of the present state, under a share more of light."""
@@ -296,10 +301,12 @@ def _influence(
     detector = moved.detector
     if detector.response is None:
         detector = detector.replace(response=signal.detector.response)
-    if light is not None:
-        detector = with_background(detector, light)
+    if sky_light is not None:
+        detector = with_background(detector, sky_light)
         if name not in BITS_ALONE:  # two backgrounds, taken for independent
-            share = math.sqrt(2.0) * float(light.radiance_stderr / max(light.radiance, 1e-300))
+            share = math.sqrt(2.0) * float(
+                sky_light.radiance_stderr / max(sky_light.radiance, 1e-300)
+            )
             error = math.hypot(error, margin(detector, share) - margin(detector))
     return Influence(name, change + margin(detector) - margin(signal.detector), error)
 
