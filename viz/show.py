@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from ctypes.util import find_library
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -494,14 +495,18 @@ def view(
     Raises
     ------
     Refused
-        If a file could not be written, there is no display to open a window on, or a movie of a
-        mesh is requested.
+        If a file could not be written, there is no display to open a window on, no OpenGL to draw
+        with, or a movie of a mesh is requested.
     """
     outputs = {"screenshot": screenshot, "html": html, "movie": movie, "light": light}
     _refuse_unwritable(outputs | {"export": export})
     window = not (any(outputs.values()) or export)
     if window and not has_display():
         raise Refused("view", Described("no display"), "screenshot, html, movie or export")
+    drawn = next((name for name in ("screenshot", "movie", "light") if outputs[name]), None)
+    if drawn and not can_draw():
+        need = "html, which a browser draws, or libegl1 or libosmesa6 of the system"
+        raise Refused(drawn, Described("no OpenGL"), need)
     if movie and (link is None or isinstance(surface, TriangleMesh)):
         raise Refused("movie", Described("of a mesh, which does not move"), "a link over a sea")
     series = gain if isinstance(gain, GainSeries) else None
@@ -595,10 +600,26 @@ def has_display() -> bool:
         return True
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return False
-    with pv.vtk_verbosity("off"):
-        plotter = pv.Plotter(off_screen=False)
-        window: Any = plotter.render_window
-        kind = window.GetClassName()
-        plotter.close()
     # VTK falls back to windows in memory, of these classes, where no display answers
+    kind = _window_class(off_screen=False)
     return "EGL" not in kind and "OSOpenGL" not in kind
+
+
+def can_draw() -> bool:
+    """Return False where the process would crash at its first picture.
+
+    Without a display and EGL the last resort of VTK is OSMesa, which it does not bring along.
+    """
+    if not sys.platform.startswith("linux"):
+        return True
+    return "OSOpenGL" not in _window_class(off_screen=True) or find_library("OSMesa") is not None
+
+
+def _window_class(off_screen: bool) -> str:
+    """Return the class of the windows of VTK."""
+    with pv.vtk_verbosity("off"):
+        plotter = pv.Plotter(off_screen=off_screen)
+        window: Any = plotter.render_window
+        kind = str(window.GetClassName())
+        plotter.close()
+    return kind

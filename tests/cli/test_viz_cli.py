@@ -202,6 +202,14 @@ def test_a_window_needs_a_display(monkeypatch):
     assert refusal().startswith("view: no display, allowed: ")
 
 
+def test_a_picture_needs_opengl(monkeypatch):
+    """The process once ended by a segmentation fault, without a word."""
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setattr("meshtrace.viz.show._window_class", lambda **_: "vtkOSOpenGLRenderWindow")
+    monkeypatch.setattr("meshtrace.viz.show.find_library", lambda name: None)
+    assert refusal("--screenshot", "a.png").startswith("--screenshot: no OpenGL, allowed: html")
+
+
 def test_results_of_later_formats_are_refused(tmp_path):
     data = mt.simulate(mt.Link(), SEA, photons=64).to_dataset()
     data.attrs["format_version"] = 99

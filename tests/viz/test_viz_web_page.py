@@ -36,6 +36,13 @@ def browser(page):
         yield driver
 
 
+@pytest.fixture(scope="module")
+def low_sun(tmp_path_factory):
+    day = mt.Daylight.clear_sky(sun_zenith_deg=75.0)
+    path = tmp_path_factory.mktemp("day") / "low.html"
+    return viz.save_html(mt.Link(), JonswapSea(wind_speed=3.0, seed=7), path, daylight=day)
+
+
 def parts_of(path):
     text = re.search(r'id="data">([^<]*)<', path.read_text("utf-8"))[1]
     return json.loads(zlib.decompress(base64.b64decode(text)))
@@ -156,3 +163,18 @@ def test_large_meshes_are_thinned_and_the_page_says_so(tmp_path, monkeypatch):
 def test_only_pages_are_written(tmp_path):
     with pytest.raises(ValueError, match=r"path: .*allowed: a file name in \.html"):
         viz.save_html(LINK, JonswapSea(seed=7), tmp_path / "scene.png")
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("turn", [-23.0, 0.0, 90.0, 180.0])  # from home; the first is to the sun
+def test_the_sea_under_a_low_sun_is_not_burnt_out(browser, low_sun, turn):
+    """By an exponential tone curve 7 to 9 % of sea and sky were white."""
+    browser.get(low_sun.as_uri())
+    scene = "document.querySelector('#scene')._vnode?.component?.proxy"
+    until(lambda: browser.execute_script(f"return Boolean({scene}?.view)"), "no scene")
+    browser.execute_script(f"{scene}.move({{ azimuth: arguments[0] }}); {scene}.paint(1)", turn)
+    url = browser.execute_script("return document.querySelector('canvas').toDataURL()")
+    image = Image.open(io.BytesIO(base64.b64decode(url.split(",")[1]))).convert("RGB")
+    upper = np.asarray(image)[: image.height // 2]  # sea and sky; the lower half is deep water
+    assert (upper.max(axis=2) >= 253).mean() < 0.01
+    assert upper.mean() > 60.0

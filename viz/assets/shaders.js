@@ -19,7 +19,7 @@
     out vec4 shade;
 
     vec3 screen(vec3 light) {
-      vec3 linear = 1.0 - exp(-4.2 * max(light, 0.0));
+      vec3 exposed = 4.2 * max(light, 0.0), linear = exposed / (1.0 + exposed);
       return mix(12.92 * linear, 1.055 * pow(linear, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, linear));
     }
     vec3 skyLight(vec3 d) {

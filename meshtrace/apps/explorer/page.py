@@ -457,6 +457,7 @@ class Page:
         page.working = session.working
         page.reading = readings.gain_reading(session)
         page.fading = readings.fading_reading(session)
+        page.influences = readings.influences(session)
         page.caption = readings.caption(session)
         page.map_note = readings.map_note(session)
         # what the address of the page holds: the time only where it is another

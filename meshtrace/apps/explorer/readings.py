@@ -197,6 +197,38 @@ def budget(signal: Signal, link: Link) -> list[dict[str, Any]]:
     ]
 
 
+def influences(session: Session) -> list[dict[str, str]]:
+    """Return the three inputs whose step changes the margin most, in words, with the changes.
+
+    Changes within two of their standard errors are left out.
+    """
+    answer = session.answer("influences")
+    sure = [] if isinstance(answer, Failed) or answer is None else [
+        i for i in answer if abs(i.change) > max(2.0 * i.stderr, 5e-3)
+    ]  # fmt: skip
+    return [{"step": _step_words(i.name), "change": _with_error(i.change, i.stderr)}
+            for i in sure[:3]]  # fmt: skip
+
+
+def _step_words(name: str) -> str:
+    """Return the step of an input in words.
+
+    Examples
+    --------
+    >>> _step_words("wind"), _step_words("bit_rate")
+    ('+1 m/s of wind', '+10 % of bit rate')
+    """
+    control = BY_NAME[name]
+    step = f"{stages.STEPS[name]:g} {control.unit}" if name in stages.STEPS else "10 %"
+    return f"+{step} of {control.label[0].lower()}{control.label[1:]}"
+
+
+def _with_error(change: float, error: float) -> str:
+    """Return a change [dB] with its standard error, none where it is exact, in hundredths."""
+    text = minus(f"{change:+.2f}")
+    return f"{text} ± {max(error, 0.01):.2f} dB" if error > 0.0 else f"{text} dB"
+
+
 def _margin(detector: OokLink, signal: Signal) -> float:
     """Return the optical margin of the mean gain [dB]."""
     return float(link_budget(detector, signal.gain.gain, LIMIT).margin_optical_db)
@@ -240,7 +272,7 @@ def _spread(detector: OokLink) -> str:
     text = f"{text}, {detector.spread_in_bits:.2g} bit"
     # what the spread of the pulses costs in power
     cost = detector.required_power(LIMIT) / detector.replace(response=None).required_power(LIMIT)
-    return f"{text}, {minus(f'{10.0 * math.log10(cost):.1f} dB')}" if np.isfinite(cost) else text
+    return f"{text}, costs {10.0 * math.log10(cost):.1f} dB" if np.isfinite(cost) else text
 
 
 def fading_reading(session: Session) -> dict[str, Any]:

@@ -257,6 +257,20 @@ def test_nothing_moves_by_itself_where_that_is_asked(page):
     assert page.execute_script(moving) == 0
 
 
+def test_it_prints_in_ink_without_buttons(page):
+    """White words on backgrounds that printers leave out were once unreadable."""
+    sized(page, 760, 1080, dark=True)
+    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    shown_buttons, inks = page.execute_script(
+        "return [[...document.querySelectorAll('.mt-page button')].filter((e) => e.checkVisibility())"
+        ".length, ['h1', '#gain', '#verdict', 'dt', '.mt-card h2'].map((s) =>"
+        "getComputedStyle(document.querySelector(s)).color)]"
+    )
+    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+    assert shown_buttons == 0
+    assert all(1.05 / (luminance(ink) + 0.05) >= 7.0 for ink in inks)
+
+
 def test_the_page_can_be_enlarged(page):
     content = page.find_element("css selector", "meta[name=viewport]").get_attribute("content")
     assert "width=device-width" in content

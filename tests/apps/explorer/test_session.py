@@ -22,6 +22,7 @@ def short(monkeypatch):
     """Make the series and the maps short."""
     monkeypatch.setattr(stages, "FADING_FRAMES", 16)
     monkeypatch.setattr(stages, "MAP_PHOTONS", (5_000, 20_000))
+    monkeypatch.setattr(stages, "INPUTS", ())
 
 
 @pytest.fixture
@@ -220,7 +221,7 @@ def test_answers_come_in_order_and_stale_ones_are_marked(session):
     session.answer_now()
     assert session.wait(120.0)
     assert [n for i, n in enumerate(names) if n != names[i - 1] or i == 0] == [
-        "gain", "rays", "fading", "",
+        "gain", "rays", "fading", "influences", "",
     ]  # fmt: skip
     session.close()
     session.move({"depth": 11.0})
@@ -393,3 +394,39 @@ def test_a_link_closes_fades_or_is_dead():
     assert readings.verdict(signal, dark)["verdict_text"] == "Fades: too dark in 25 %"
     deep = mt.simulate(link.at_depth(120.0), mt.surfaces.FlatSea(), photons=64)
     assert readings.verdict(stages.Signal(deep, detector=detector), None)["verdict"] == "dead"
+
+
+@pytest.mark.thorough
+def test_the_inputs_that_move_the_margin_most_are_told_with_their_errors(session, monkeypatch):
+    monkeypatch.setattr(stages, "INPUTS", ("a", "depth", "power", "wind"))
+    monkeypatch.setattr(stages, "_SEAS", 4)
+    session.answer_now()
+    assert session.wait(120.0)
+    by_name = {i.name: i for i in session.answer("influences")}
+    assert set(by_name) == {"a", "depth", "power", "wind"}
+    # the margin is in optical decibels: a tenth more power, and the law of the elasticity by a
+    assert by_name["power"].change == pytest.approx(10.0 * np.log10(1.1), abs=1e-9)
+    assert by_name["power"].stderr == 0.0
+    (row,) = mt.sensitivities(PAPER, wrt=["water.a"], photons=2048).table
+    # exp(-a L) over paths of nearly one length: dB in proportion to the step
+    expected = 10.0 / np.log(10.0) * 0.1 * row.elasticity
+    assert by_name["a"].change == pytest.approx(expected, rel=0.02)
+    assert by_name["wind"].stderr > by_name["a"].stderr > 0.0
+    lines = readings.influences(session)
+    assert lines[0]["step"] == "+10 % of depth"
+    assert re.fullmatch(r"−\d\.\d+ ± 0\.\d+ dB", lines[0]["change"])
+    session.move({"depth": 11.0})
+    assert not session.fresh("influences")
+
+
+def test_a_move_ends_the_work_on_inputs(monkeypatch):
+    """The gain of the newest state never waits for the inputs of the state before."""
+
+    def moved():
+        raise stages.Superseded
+
+    monkeypatch.setattr(stages, "INPUTS", ("a",))
+    calls = iter([None] * 3)
+    check = lambda *_: next(calls, "over") and moved()  # noqa: E731
+    with pytest.raises(stages.Superseded):
+        list(stages.influences(controls.State(PAPER), check))
