@@ -282,27 +282,28 @@ def common_paths(links: Sequence[Link], base: int, waiting: Sequence[int]) -> Co
     if len(candidates) == 1 or weights is None:
         return paths_alone(first, base)
     alike = [links[i] for i in candidates]
-    ratios = [scattering(link)[0] / (scattering(first)[0] or 1.0) for link in alike]
+    b = np.array([scattering(link)[0] for link in alike])
+    ratios = (b / (scattering(first)[0] or 1.0)).tolist()
     index = np.array([link.water.n for link in alike])
     low, high = index.min(), index.max()
     bases = [first.replace("water.n", float(n)) for n in dict.fromkeys((low, high))]
     if first.bubbles is None:
-        turns = _in_turn(alike)
+        turns = _in_turn(alike, b)
         several = tinting(first, alike, frame, turns) if len(turns) > 1 else None
         weights = several if several is not None and several.follows else weights
     shares = (index - low) / (high - low or 1.0)  # 0 for equal indices
     return CommonPaths(alike, candidates, ratios, weights, bases, shares)
 
 
-def _in_turn(links: Sequence[Link]) -> list[int]:
+def _in_turn(links: Sequence[Link], b: Floats) -> list[int]:
     """Return the order in which links are traced, strongest scattering first.
 
-    They are so close that the distributions of their numbers of scatterings, roughly Poisson laws,
-    overlap.
+    `b` (links,) are their mean scattering coefficients. The links are so close that the
+    distributions of their numbers of scatterings, roughly Poisson laws, overlap.
     """
     depth = _depth_of_light(links[0])
     # 2 sqrt(N) of a Poisson number N has a standard deviation of about 1, whatever its mean
-    root = np.array([2.0 * math.sqrt(scattering(link)[0] * depth) for link in links])
+    root = 2.0 * np.sqrt(b * depth)
     apart = float(root.max() - root.min())
     # a tenth of a distance more does not take a further base
     number = 1 + min(math.ceil(apart / _APART - 0.1), _MOST_BASES - 1)
