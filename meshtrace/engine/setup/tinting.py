@@ -274,25 +274,35 @@ def common_paths(links: Sequence[Link], base: int, waiting: Sequence[int]) -> Co
     """
     first, frame = links[base], frame_of(links[base])
     candidates = [i for i in waiting if i == base or _is_alike(first, links[i])]
-    weights = tinting(first, [links[i] for i in candidates], frame) if len(candidates) > 1 else None
+    paths = _weights(first, [links[i] for i in candidates], frame) if len(candidates) > 1 else None
     # a single link without common paths makes `tinting` fail for all: then each is tried alone
-    if weights is None:
+    if paths is None:
         candidates = [i for i in candidates if tinting(first, [links[i]], frame) is not None]
-        weights = tinting(first, [links[i] for i in candidates], frame)
-    if len(candidates) == 1 or weights is None:
+        paths = _weights(first, [links[i] for i in candidates], frame)
+    if len(candidates) == 1 or paths is None:
         return paths_alone(first, base)
+    weights, b = paths
     alike = [links[i] for i in candidates]
-    b = np.array([scattering(link)[0] for link in alike])
     ratios = (b / (scattering(first)[0] or 1.0)).tolist()
     index = np.array([link.water.n for link in alike])
     low, high = index.min(), index.max()
     bases = [first.replace("water.n", float(n)) for n in dict.fromkeys((low, high))]
-    if first.bubbles is None:
-        turns = _in_turn(alike, b)
-        several = tinting(first, alike, frame, turns) if len(turns) > 1 else None
-        weights = several if several is not None and several.follows else weights
     shares = (index - low) / (high - low or 1.0)  # 0 for equal indices
     return CommonPaths(alike, candidates, ratios, weights, bases, shares)
+
+
+def _weights(
+    first: Link, links: Sequence[Link], frame: Frame
+) -> tuple[Tinting, Floats] | None:
+    """Return the weights on paths of one base, or several, and the scattering coefficients [m-1].
+
+    None where the first link lacks paths of another.
+    """
+    b = np.array([scattering(link)[0] for link in links])
+    turns = _in_turn(links, b) if first.bubbles is None else []
+    several = tinting(first, links, frame, turns) if len(turns) > 1 else None
+    weights = several if several is not None and several.follows else tinting(first, links, frame)
+    return None if weights is None else (weights, b)
 
 
 def _in_turn(links: Sequence[Link], b: Floats) -> list[int]:
