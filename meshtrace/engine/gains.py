@@ -315,13 +315,15 @@ class Gains:
         orders, index = np.pad(self.all_orders, ((0, 0), (0, more))), np.array(receivers)
         orders[index, 1:n_orders] += photons.all_orders[:, 1:n_orders]
         # without DIRECT: unscattered light is already here, integrated over the facets
-        for part in range(DIRECT + 1, N_PARTS):
-            self.groups[part, index] += photons.groups[part]
-            self.square[part, index] += photons.square[part]
-            # the numbers of samples are those of the estimator of the receiver
-            counted = np.array([part != SCATTERED or self.method[r] != "chains" for r in receivers])
-            for mine, other in ((self.scored, photons.scored), (self.samples, photons.samples)):
-                mine[part, index[counted]] = other[part, counted]
+        later = slice(DIRECT + 1, None)
+        self.groups[later, index] += photons.groups[later]
+        self.square[later, index] += photons.square[later]
+        # the numbers of samples are those of the estimator of the receiver
+        chained = np.array([self.method[r] == "chains" for r in receivers])
+        for mine, other in ((self.scored, photons.scored), (self.samples, photons.samples)):
+            of_chains = mine[SCATTERED, index]
+            mine[later, index] = other[later]
+            mine[SCATTERED, index] = np.where(chained, of_chains, other[SCATTERED])
         return replace(self, all_orders=orders)
 
 

@@ -360,8 +360,9 @@ def integral(values: Floats, step: float) -> Floats:
 
 def mean_water(water: Water, depth: float) -> tuple[float, float]:
     """Return the mean absorption and scattering coefficients from still water to a depth [m-1]."""
-    # uniform water needs one node
-    a, b = water.profile(np.linspace(0.0, depth, 1 if water.layers is None else 257))
+    if water.layers is None:
+        return water.a, water.b
+    a, b = water.profile(np.linspace(0.0, depth, 257))
     return float(np.mean(a)), float(np.mean(b))
 
 
