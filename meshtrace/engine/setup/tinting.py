@@ -291,9 +291,7 @@ def common_paths(links: Sequence[Link], base: int, waiting: Sequence[int]) -> Co
     return CommonPaths(alike, candidates, ratios, weights, bases, shares)
 
 
-def _weights(
-    first: Link, links: Sequence[Link], frame: Frame
-) -> tuple[Tinting, Floats] | None:
+def _weights(first: Link, links: Sequence[Link], frame: Frame) -> tuple[Tinting, Floats] | None:
     """Return the weights on paths of one base, or several, and the scattering coefficients [m-1].
 
     None where the first link lacks paths of another.
