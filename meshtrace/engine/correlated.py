@@ -27,7 +27,7 @@ from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.aimed import AimedChains, Nodes, SearchMode
 from meshtrace.engine.chains.sets import ChainSet
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.gains import Gains, with_error
+from meshtrace.engine.gains import Gains, widened, with_error
 from meshtrace.engine.outcome import warn_of_chains
 from meshtrace.engine.parts import Light, chain_light, direct_light, merged
 from meshtrace.engine.photons.analog import PhotonSums, run_analog, tinted
@@ -123,10 +123,7 @@ def _moved(gains: Gains, low: Gains, high: Gains, share: float) -> Gains:
     """
     # a smaller number of paths may lack the highest orders
     width = max(part.all_orders.shape[1] for part in (gains, low, high))
-    orders, first, last = (
-        np.pad(part.all_orders, ((0, 0), (0, width - part.all_orders.shape[1])))
-        for part in (gains, low, high)
-    )
+    orders, first, last = (widened(part.all_orders, width) for part in (gains, low, high))
     # group by group: both have the same paths, whose noise cancels in the difference
     groups = gains.groups + share * (high.groups - low.groups)
     moved = replace(gains, groups=groups, all_orders=orders + share * (last - first))

@@ -8,7 +8,7 @@ have in common, are called tints (`kernels.tints`).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -266,24 +266,30 @@ _APART = 2.5  # distance of bases, in standard deviations of the number of scatt
 _MOST_BASES = 4  # tuned
 
 
-def common_paths(links: Sequence[Link], base: int, waiting: Sequence[int]) -> CommonPaths:
+def common_paths(
+    links: Sequence[Link], base: int, waiting: Sequence[int], b: Mapping[int, float]
+) -> CommonPaths:
     """Select the waiting links that can share the paths of a base, all if possible.
 
-    `base` and `waiting` are indices into `links`. Photons are traced at several of the wavelengths
-    in turn if they can sum up the tints of these.
+    `base` and `waiting` are indices into `links`, `b` are the mean scattering coefficients of these
+    [m-1]. Photons are traced at several of the wavelengths in turn if they can sum up the tints of
+    these.
     """
     first, frame = links[base], frame_of(links[base])
     candidates = [i for i in waiting if i == base or _is_alike(first, links[i])]
-    paths = _weights(first, [links[i] for i in candidates], frame) if len(candidates) > 1 else None
+
+    def weights_of(indices: list[int]) -> Tinting | None:
+        return _weights(first, [links[i] for i in indices], frame, [b[i] for i in indices])
+
+    weights = weights_of(candidates) if len(candidates) > 1 else None
     # a single link without common paths makes `tinting` fail for all: then each is tried alone
-    if paths is None:
+    if weights is None:
         candidates = [i for i in candidates if tinting(first, [links[i]], frame) is not None]
-        paths = _weights(first, [links[i] for i in candidates], frame)
-    if len(candidates) == 1 or paths is None:
+        weights = weights_of(candidates)
+    if len(candidates) == 1 or weights is None:
         return paths_alone(first, base)
-    weights, b = paths
     alike = [links[i] for i in candidates]
-    ratios = (b / (scattering(first)[0] or 1.0)).tolist()
+    ratios = [b[i] / (b[base] or 1.0) for i in candidates]
     index = np.array([link.water.n for link in alike])
     low, high = index.min(), index.max()
     bases = [first.replace("water.n", float(n)) for n in dict.fromkeys((low, high))]
@@ -291,16 +297,16 @@ def common_paths(links: Sequence[Link], base: int, waiting: Sequence[int]) -> Co
     return CommonPaths(alike, candidates, ratios, weights, bases, shares)
 
 
-def _weights(first: Link, links: Sequence[Link], frame: Frame) -> tuple[Tinting, Floats] | None:
-    """Return the weights on paths of one base, or several, and the scattering coefficients [m-1].
+def _weights(
+    first: Link, links: Sequence[Link], frame: Frame, b: Sequence[float]
+) -> Tinting | None:
+    """Return the weights on paths of several bases if photons can follow these, else of the first.
 
-    None where the first link lacks paths of another.
+    `b` (links,) are the scattering coefficients [m-1].
     """
-    b = np.array([scattering(link)[0] for link in links])
-    turns = _in_turn(links, b) if first.bubbles is None else []
+    turns = _in_turn(links, np.array(b)) if first.bubbles is None else []
     several = tinting(first, links, frame, turns) if len(turns) > 1 else None
-    weights = several if several is not None and several.follows else tinting(first, links, frame)
-    return None if weights is None else (weights, b)
+    return several if several is not None and several.follows else tinting(first, links, frame)
 
 
 def _in_turn(links: Sequence[Link], b: Floats) -> list[int]:
@@ -369,8 +375,9 @@ def photon_paths(
     tints (`Tinting.follows`); `chains` sum up any.
     """
     # its paths have every order of scattering that the others need
-    base = max(waiting, key=lambda i: scattering(links[i]))
-    paths = common_paths(links, base, waiting)
+    levels = {i: scattering(links[i]) for i in waiting}
+    base = max(waiting, key=levels.__getitem__)
+    paths = common_paths(links, base, waiting, {i: b for i, (b, _) in levels.items()})
     if not (chains or paths.tinting.follows):
         paths = paths_alone(links[base], base)
     return base, paths
