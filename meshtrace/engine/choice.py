@@ -249,9 +249,11 @@ def chain_cost(expected: float, turn: float = 1.0) -> float:
     return _COST if expected < TURBID else _TURBID_COST / expected
 
 
-def pilot_photons(expected: float, turn: float) -> int:
+def pilot_photons(expected: float, turn: float, wavelengths: int = 1) -> int:
     """Return the number of joined photons of a pilot, by the arguments of `is_forward`."""
-    return _FEW_PILOT_PHOTONS if is_forward(expected, turn) else _PILOT_PHOTONS
+    # `choose_common` judges the sum over all wavelengths: fewer photons decide as surely
+    together = wavelengths > 1 and expected >= TURBID
+    return _FEW_PILOT_PHOTONS if together or is_forward(expected, turn) else _PILOT_PHOTONS
 
 
 def reflected_per_chain(returned: Floats, variance: Floats) -> float:
@@ -275,16 +277,24 @@ def choose(
     scatterings `expected` on the way few photons bring much of the light: twice as much counts
     there only if it exceeds two of their standard errors.
     """
-    # light that chains miss does not show in their variance: only photons reveal it
-    missed = photons.mean - chains.mean > _DOUBT * np.hypot(photons.stderr, chains.stderr)
-    certain = 2.0 * photons.stderr if expected >= TURBID else 0.0
-    missed |= (chains.mean < _HALF * photons.mean) & (photons.mean - chains.mean > certain)
+    missed = _misses_light(chains, photons, expected)
     slower = chains.variance * chain_cost(expected, turn) > photons.variance
     few = chains.mean < _SURE * chains.stderr
     # relative errors compared crosswise: a mean may be 0
     surer = photons.stderr * chains.mean < chains.stderr * photons.mean
     better = (photons.mean > 0.0) & (missed | slower | (few & surer) | (chains.mean <= 0.0))
     return ["joined" if b else "chains" for b in better]
+
+
+def _misses_light(
+    chains: ScatteredPilot, photons: ScatteredPilot, expected: float
+) -> NDArray[np.bool_]:
+    """Return whether chains miss light of each receiver, by the arguments of `choose`."""
+    # light that chains miss does not show in their variance: only photons reveal it
+    excess = photons.mean - chains.mean
+    missed = excess > _DOUBT * np.hypot(photons.stderr, chains.stderr)
+    certain = 2.0 * photons.stderr if expected >= TURBID else 0.0
+    return missed | ((chains.mean < _HALF * photons.mean) & (excess > certain))
 
 
 def prefer_analog(pilot: ScatteredPilot, largest: float, chosen: Sequence[Method]) -> list[Method]:
@@ -355,25 +365,25 @@ def choose_common(
 
     Return the estimators by receiver, and the number of joined photons in place of a chain.
 
-    Chosen is the estimator with the smaller sum of relative variances over the wavelengths, but
-    joined photons if chains are not trusted at any one of them. Where chains would serve some of
-    the wavelengths photons are fewer, so that they take about twice the time of the chains.
+    Chosen is the estimator with the smaller sum of relative variances times time over the
+    wavelengths, but joined photons if chains miss light at any one of them. Where chains would
+    serve some of the wavelengths photons are fewer, so that they take about twice the time of the
+    chains.
     """
     if len(chains) == 1:
         return choose(chains[0], photons[0], float(expected[0]), turn), PER_CHAIN
-    # masks of receivers: photons are chosen at some wavelength; at every one; because chains are
-    # not trusted (missed), rather than for their time
     receivers = len(chains[0].mean)
-    chosen, missed = np.zeros(receivers, bool), np.zeros(receivers, bool)
-    total, every = np.zeros((2, receivers)), np.ones(receivers, bool)
+    # masks of receivers: chains miss light at some wavelength; photons are better at every one
+    missed, every = np.zeros(receivers, bool), np.ones(receivers, bool)
+    # relative variance times time: all wavelengths share the chains of the one that scatters most
+    work, cost = np.zeros((2, receivers)), chain_cost(float(expected.max()), turn)
     for chained, seen, number in zip(chains, photons, expected.tolist(), strict=True):
-        vote = np.array([m == "joined" for m in choose(chained, seen, number, turn)])
-        chosen, every = chosen | vote, every & vote
-        missed |= vote & (chained.variance * chain_cost(number, turn) <= seen.variance)
+        every &= [method == "joined" for method in choose(chained, seen, number, turn)]
+        missed |= _misses_light(chained, seen, number)
         with np.errstate(all="ignore"):
-            both = [chained.variance / chained.mean**2, seen.variance / seen.mean**2 / PER_CHAIN]
-        total += np.nan_to_num(both, nan=1e300, posinf=1e300)
-    joined = chosen & (missed | (total[1] < total[0]))
+            both = [cost * chained.variance / chained.mean**2, seen.variance / seen.mean**2]
+        work += np.nan_to_num(both, nan=1e300, posinf=1e300)
+    joined = missed | every | (work[1] < work[0])
     method: list[Method] = ["joined" if b else "chains" for b in joined]
     return method, PER_CHAIN if every[joined].all() else _SHARED_PER_CHAIN
 

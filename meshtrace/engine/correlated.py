@@ -27,7 +27,7 @@ from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.aimed import AimedChains, Nodes, SearchMode
 from meshtrace.engine.chains.sets import ChainSet
 from meshtrace.engine.forced import ForcedDetection, TypicalSea
-from meshtrace.engine.gains import Gains, with_error
+from meshtrace.engine.gains import Gains, widened, with_error
 from meshtrace.engine.outcome import warn_of_chains
 from meshtrace.engine.parts import Light, chain_light, direct_light, merged
 from meshtrace.engine.photons.analog import PhotonSums, run_analog, tinted
@@ -123,10 +123,7 @@ def _moved(gains: Gains, low: Gains, high: Gains, share: float) -> Gains:
     """
     # a smaller number of paths may lack the highest orders
     width = max(part.all_orders.shape[1] for part in (gains, low, high))
-    orders, first, last = (
-        np.pad(part.all_orders, ((0, 0), (0, width - part.all_orders.shape[1])))
-        for part in (gains, low, high)
-    )
+    orders, first, last = (widened(part.all_orders, width) for part in (gains, low, high))
     # group by group: both have the same paths, whose noise cancels in the difference
     groups = gains.groups + share * (high.groups - low.groups)
     moved = replace(gains, groups=groups, all_orders=orders + share * (last - first))
@@ -236,9 +233,10 @@ class FrozenForced:
         # chains alone: joined photons are followed under one surface and one link
         planner = Planner(link, seed, normals, sea=sea, search=search, scattered="chains")
         base = ForcedDetection.following(planner, planner.plan(photons, planner.compare()))
-        warn_of_chains(base, ForcedDetection(link, SHIFTS, seed, normals, sea=sea))
+        # chains for all receivers, beside the estimators that `simulate` would choose
+        warn_of_chains(base, Planner(link, seed, normals, sea=sea).compare().method)
         self._base, self._seed = base, seed
-        self._histories = _histories(link, base.arrays)
+        self._histories, self._ends = _histories(link, base.arrays), _ends(base.arrays)
         self._normals, self._search, self._recent = normals, search, recent
         self._nodes: dict[tuple[int, int], Nodes] = {}
         self._drawn: dict[str, Future[list[list[ChainSet]]]] = {}
@@ -339,10 +337,8 @@ class FrozenForced:
         self, link: Link, arrays: ForcedLink, aimed: AimedChains, shifts: int = SHIFTS
     ) -> list[list[ChainSet]]:
         """Return the chains of a link by source, from a cache for recent geometries."""
-        lamps = [(e.position, e.axis, e.radius) for e in arrays.emitters]
-        ends = [(t.center, t.axis, t.radius) for t in arrays.targets]
-        histories = _histories(link, arrays)
-        key = repr((lamps, ends, histories, aimed.sampled, shifts))
+        histories, ends = _histories(link, arrays), _ends(arrays)
+        key = repr((ends, histories, aimed.sampled, shifts))
         # chains that another thread is drawing are waited for, not drawn twice
         with self._lock:
             known = self._drawn.get(key)
@@ -354,17 +350,19 @@ class FrozenForced:
         if known is not None:
             return known.result()  # no bound: work of another thread, which always sets it
         try:
-            drawn.set_result(self._draw(arrays, aimed, shifts, histories == self._histories))
+            same, fixed = histories == self._histories, ends == self._ends
+            drawn.set_result(self._draw(arrays, aimed, shifts, same, fixed))
         except BaseException as error:  # passed on to the threads that wait, too
             drawn.set_exception(error)
         return drawn.result()
 
     def _draw(
-        self, arrays: ForcedLink, aimed: AimedChains, shifts: int, same: bool
+        self, arrays: ForcedLink, aimed: AimedChains, shifts: int, same: bool, fixed: bool
     ) -> list[list[ChainSet]]:
         """Draw as many chains of a shift as the base has, from the distributions of the base.
 
-        With the `same` histories as the base its chains are taken, if they are stored.
+        With the `same` histories as the base its chains are taken, if they are stored; between
+        `fixed` ends, those of the base, also their crossings of still water.
         """
         drawer, by_source = self._base.drawer.of_link(arrays), list[list[ChainSet]]()
         for s, drawings in enumerate(self._base.sets(aimed.sampled)):
@@ -373,11 +371,18 @@ class FrozenForced:
             for old, known in drawings:
                 request = old._replace(key=(self._seed, s, old.order, 1))
                 if same and known is not None and request == old:
-                    chains.append(drawer.retargeted(s, known.part(slice(old.per_shift * shifts))))
+                    part = known.part(slice(old.per_shift * shifts))
+                    chains.append(part if fixed else drawer.retargeted(s, part))
                 else:
                     chains.append(drawer.draw(request._replace(shifts=shifts)))
             by_source.append(chains)
         return by_source
+
+
+def _ends(arrays: ForcedLink) -> str:
+    """Return all that the crossings of still water depend on beside the histories of chains."""
+    lamps = [(e.position, e.axis, e.radius) for e in arrays.emitters]
+    return repr((lamps, [(t.center, t.axis, t.radius) for t in arrays.targets]))
 
 
 def _histories(link: Link, arrays: ForcedLink) -> str:

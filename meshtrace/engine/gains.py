@@ -298,17 +298,19 @@ class Gains:
         """
         # photons have a fixed number of orders, of which high ones mostly bring nothing
         n_orders = np.flatnonzero(photons.all_orders.any(axis=0)).max(initial=0) + 1
-        more = max(n_orders - self.all_orders.shape[1], 0)
-        orders, index = np.pad(self.all_orders, ((0, 0), (0, more))), np.array(receivers)
+        orders = widened(self.all_orders, max(n_orders, self.all_orders.shape[1]))
+        index = np.array(receivers)
         orders[index, 1:n_orders] += photons.all_orders[:, 1:n_orders]
         # without DIRECT: unscattered light is already here, integrated over the facets
-        for part in range(DIRECT + 1, N_PARTS):
-            self.groups[part, index] += photons.groups[part]
-            self.square[part, index] += photons.square[part]
-            # the numbers of samples are those of the estimator of the receiver
-            counted = np.array([part != SCATTERED or self.method[r] != "chains" for r in receivers])
-            for mine, other in ((self.scored, photons.scored), (self.samples, photons.samples)):
-                mine[part, index[counted]] = other[part, counted]
+        later = slice(DIRECT + 1, None)
+        self.groups[later, index] += photons.groups[later]
+        self.square[later, index] += photons.square[later]
+        # the numbers of samples are those of the estimator of the receiver
+        chained = np.array([self.method[r] == "chains" for r in receivers])
+        for mine, other in ((self.scored, photons.scored), (self.samples, photons.samples)):
+            of_chains = mine[SCATTERED, index]
+            mine[later, index] = other[later]
+            mine[SCATTERED, index] = np.where(chained, of_chains, other[SCATTERED])
         return replace(self, all_orders=orders)
 
 
@@ -328,6 +330,13 @@ def lamps_of(photons: NDArray[np.int64], seed: int, link: Link) -> NDArray[np.in
     words = getattr(philox, "py_func", philox)(seed, photons, 0, Purpose.LAUNCH)
     u = (words[3].astype(float) + 0.5) * 2.0**-32
     return np.searchsorted((np.cumsum(power) / power.sum())[:-1], u, side="right")
+
+
+def widened(orders: Floats, width: int) -> Floats:
+    """Return a copy of gains by order (receivers, orders) with zeros up to `width` orders."""
+    wide = np.zeros((len(orders), width))
+    wide[:, : orders.shape[1]] = orders
+    return wide
 
 
 def sum_of_parts(values: Floats, parts: Sequence[int]) -> Floats:

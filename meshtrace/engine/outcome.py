@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.choice import counts, returned_gain
 from meshtrace.engine.forced import ForcedDetection
-from meshtrace.engine.gains import Gains, lamps_of, pixel_groups, table_of
+from meshtrace.engine.gains import Gains, Method, lamps_of, pixel_groups, table_of
 from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.setup import options
@@ -261,26 +261,26 @@ def warn_of_few(results: list[GainResult], links: list[Link], first: int) -> Non
         _warn_of_few(_samples(results[i]), where)
 
 
-def warn_of_chains(chains: ForcedDetection, usual: ForcedDetection) -> None:
+def warn_of_chains(chains: ForcedDetection, usual: Sequence[Method]) -> None:
     """Warn of receivers for which chains are the worse estimator, or for which there are too few.
 
     Parameters
     ----------
     chains : ForcedDetection
         The link with scattering chains for all receivers.
-    usual : ForcedDetection
-        The same link with the estimators that `simulate` would choose.
+    usual : sequence of {"chains", "joined", "analog"}
+        Estimators that `simulate` would choose, by receiver.
     """
     # over still water: the link is judged before any of its seas is known
     gains = chains.evaluate(chains.planner.flat())
     samples = gains.samples_of(SCATTERED)
     counted = _that_matter(samples, gains.parts[SCATTERED], gains.gain)
-    worse = [r for r, method in enumerate(usual.method) if method != "chains"]
+    worse = [r for r, method in enumerate(usual) if method != "chains"]
     for r in worse:
         _warn(
             f"receiver {r}: light arrives by large angles or many scatterings, or from a narrow "
             "beam; scattering chains miss part of it, for which `simulate` uses "
-            f"{usual.method[r]} photons",
+            f"{usual[r]} photons",
             FewSamplesWarning,
         )
     _warn_of_few([row for row in counted if row[0] not in worse])

@@ -341,7 +341,7 @@ class Planner:
         if not doubtful.any() or not self._photons_follow():
             return None
         expected = max(law.expected for law in self.drawer.nominals)
-        number = choice.pilot_photons(expected, self._turn)
+        number = choice.pilot_photons(expected, self._turn, len(self.shared.links))
         photons = self._joined(number, self._piloted[doubtful].tolist())
         # a choice by the photons of the run itself would bias it
         photons.seed ^= _PILOT_SEED

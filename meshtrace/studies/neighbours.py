@@ -358,8 +358,7 @@ class Quantity:
         with the weights of the places.
         """
         means = gains.mean(axis=-1)
-        if not means.min() > 0.0:
-            raise Refused("link", float(means.min()), "a gain > 0 over each sea")
+        self._require_light(means.min())
 
         def mean(values: Floats) -> float:
             return float(np.average(values, axis=-1, weights=weights).mean())
@@ -393,6 +392,11 @@ class Quantity:
         self._require(excess(-spread) > 0.0 > excess(spread))
         return -float(brentq(excess, -spread, spread, xtol=1e-9))
 
+    def _require_light(self, least: float) -> None:
+        """Refuse a link without light over a sea."""
+        if not least > 0.0:
+            raise Refused("link", float(least), "a gain > 0 over each sea")
+
     def _require(self, reached: bool) -> None:
         """Refuse the limit if no power reaches it."""
         if not reached:
@@ -403,7 +407,13 @@ class Quantity:
         weights: Floats | None = None,
     ) -> Floats:  # fmt: skip
         """Return ln of the gain of all groups, then with each group left out (jackknife)."""
-        return np.array([self.log(group, ook, tilt, weights) for group in without_each(gains)])
+        groups = without_each(gains)
+        if weights is None and (self.of == "gain" or ook is None):
+            # a mean alone, without the electronics of `log`: a study asks for thousands
+            means = [group.mean(axis=-1) for group in groups]
+            self._require_light(min(by_sea.min() for by_sea in means))
+            return np.array([math.log(by_sea.mean()) for by_sea in means])
+        return np.array([self.log(group, ook, tilt, weights) for group in groups])
 
     def value(self, log: float) -> float:
         """Return the quantity from its logarithm; for "range" the factor of the light."""

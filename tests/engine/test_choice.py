@@ -39,6 +39,19 @@ def test_chains_may_vary_more_where_photons_scatter_often():
     assert choice.chain_cost(10.0) == pytest.approx(0.2)
 
 
+def test_wavelengths_share_chains_where_their_time_and_light_suffice():
+    """Less sure chains of a tenth of the time once gave way to photons, eight to a chain."""
+    chains, photons = [pilot(1.0, error, 2400) for error in (0.12, 0.09)], pilot(1.0, 0.06, 2048)
+    expected = np.array([18.0, 12.0])
+    assert choice.choose_common(chains, [photons] * 2, expected, 0.1)[0] == ["chains"]
+    # light that chains miss at one wavelength
+    bright = pilot(2.3, 0.06, 2048)
+    assert choice.choose_common(chains, [photons, bright], expected, 0.1)[0] == ["joined"]
+    # in clear water a chain takes three times as long as a photon
+    assert choice.choose_common(chains, [photons] * 2, np.ones(2), 0.1)[0] == ["joined"]
+    assert choice.pilot_photons(18.0, 0.1, wavelengths=31) < choice.pilot_photons(18.0, 0.1)
+
+
 def test_photons_take_longest_where_many_scatterings_turn_light_little():
     chains, photons = pilot(1.0, 0.05, 4000), pilot(1.0, 0.05, 512)
     assert choice.choose(chains, photons, 10.0) == ["joined"]  # isotropic scattering

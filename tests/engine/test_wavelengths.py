@@ -11,7 +11,7 @@ from meshtrace.engine.forced import ForcedDetection, TypicalSea
 from meshtrace.engine.photons import analog, joined
 from meshtrace.engine.setup import arrays, ends, meshing
 from meshtrace.engine.setup.options import resolve
-from meshtrace.engine.setup.tinting import common_paths, tinting
+from meshtrace.engine.setup.tinting import photon_paths, tinting
 from meshtrace.errors import Refused
 from meshtrace.results import load, tallies
 from meshtrace.surfaces import FlatSea, JonswapSea
@@ -241,7 +241,7 @@ def test_photons_of_several_bases(sea):
     """Turbid water, in which paths of one wavelength are rare at another."""
     links = links_of([{"a": 0.3, "b": 1.8}, {"a": 0.1, "b": 1.2}, {"a": 0.2, "b": 0.7}])
     mesh = mesh_of(links[1], SEAS[sea])
-    common = common_paths(links, 0, range(3))
+    _, common = photon_paths(links, range(3))
     assert len(common.tinting.bases) > 1
     assert common.tinting.follows
     parts = joined.JoinedPhotons(links[0], 2**15, 1).at_wavelengths(mesh, common.tinting, links)
@@ -339,7 +339,7 @@ def test_errors_of_a_far_wavelength_are_true():
     surface = mt.EmbreeIntersector(
         meshing.mesh_for(wide[1], SEAS["wavy"], mt.Meshing(spacing=0.4))[0], 1
     )
-    common = common_paths(opaque, 0, range(2)).tinting
+    common = photon_paths(opaque, range(2))[1].tinting
     rows = [[], [], []]
     for seed in range(64):
         part = correlated.SpectralDetection(links, 1024, seed, sea=sea).at_wavelengths(mesh)[1]

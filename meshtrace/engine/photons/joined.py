@@ -187,8 +187,8 @@ class JoinedPhotons:
         self, mesh: TriangleMesh, links: Sequence[Link], tinting: Tinting, record: bool, lamps: int
     ) -> list[Gains]:
         ends.require_height_field(mesh)
-        # the receivers of these photons may be some of those of the links
-        links = [link.model_copy(update={"receiver": self.link.receiver}) for link in links]
+        if record:  # the receivers of these photons may be some of those of the links
+            links = [link.model_copy(update={"receiver": self.link.receiver}) for link in links]
         frame, bases = arrays.frame_of(self.link), [self]
         # every base follows separate photons, by the scattering of its water
         if tinting.bases:

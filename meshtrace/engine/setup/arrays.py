@@ -256,6 +256,17 @@ def with_raster(medium: Medium, intersector: Intersector) -> Medium:
     """
     if medium.depth_mode != DepthMode.LOCAL:
         return medium
+    if intersector not in _RASTERS:
+        _RASTERS[intersector] = _rasters(intersector)
+    return medium._replace(**_RASTERS[intersector])
+
+
+# by surface: its rasters serve the water of every wavelength and of neighbouring links
+_RASTERS = WeakKeyDictionary[Intersector, dict[str, Any]]()
+
+
+def _rasters(intersector: Intersector) -> dict[str, Any]:
+    """Return the fields of a medium that hold the heights of a surface."""
     low, high = intersector.mesh.bounds
     width = float(max(high[0] - low[0], high[1] - low[1]))
     nodes = int(np.clip(width / 0.25, 16, 256))  # along a side; tuned: time and memory
@@ -279,9 +290,9 @@ def with_raster(medium: Medium, intersector: Intersector) -> Medium:
     start = high[2] + 1.0
     top = heights(intersector.intersect(*rays(start, -1.0)), start, -1.0, 0.0)
     x0, y0 = (float(side) for side in low[:2])
-    medium = medium._replace(raster_x=x0, raster_y=y0, raster_step=step, raster=top)
+    fields = {"raster_x": x0, "raster_y": y0, "raster_step": step, "raster": top}
     if intersector.mesh.single_valued:
-        return medium
+        return fields
     # a vertical through an overhang meets the sea, the underside of the jet above it, and its top
     start = low[2] - 1.0
     lowest = heights(intersector.intersect(*rays(start, 1.0)), start, 1.0, top)
@@ -290,7 +301,7 @@ def with_raster(medium: Medium, intersector: Intersector) -> Medium:
     below = np.where(above > lowest, lowest, top)
     # the middle of the air under the jet tells points below the sea from those in the jet
     split = np.where(above > lowest, 0.5 * (lowest + above), top)
-    return medium._replace(overhangs=True, raster_low=below, raster_split=split)
+    return fields | {"overhangs": True, "raster_low": below, "raster_split": split}
 
 
 def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
@@ -360,8 +371,9 @@ def integral(values: Floats, step: float) -> Floats:
 
 def mean_water(water: Water, depth: float) -> tuple[float, float]:
     """Return the mean absorption and scattering coefficients from still water to a depth [m-1]."""
-    # uniform water needs one node
-    a, b = water.profile(np.linspace(0.0, depth, 1 if water.layers is None else 257))
+    if water.layers is None:
+        return water.a, water.b
+    a, b = water.profile(np.linspace(0.0, depth, 257))
     return float(np.mean(a)), float(np.mean(b))
 
 

@@ -8,7 +8,7 @@ have in common, are called tints (`kernels.tints`).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -266,43 +266,58 @@ _APART = 2.5  # distance of bases, in standard deviations of the number of scatt
 _MOST_BASES = 4  # tuned
 
 
-def common_paths(links: Sequence[Link], base: int, waiting: Sequence[int]) -> CommonPaths:
+def common_paths(
+    links: Sequence[Link], base: int, waiting: Sequence[int], b: Mapping[int, float]
+) -> CommonPaths:
     """Select the waiting links that can share the paths of a base, all if possible.
 
-    `base` and `waiting` are indices into `links`. Photons are traced at several of the wavelengths
-    in turn if they can sum up the tints of these.
+    `base` and `waiting` are indices into `links`, `b` are the mean scattering coefficients of these
+    [m-1]. Photons are traced at several of the wavelengths in turn if they can sum up the tints of
+    these.
     """
     first, frame = links[base], frame_of(links[base])
     candidates = [i for i in waiting if i == base or _is_alike(first, links[i])]
-    weights = tinting(first, [links[i] for i in candidates], frame) if len(candidates) > 1 else None
+
+    def weights_of(indices: list[int]) -> Tinting | None:
+        return _weights(first, [links[i] for i in indices], frame, [b[i] for i in indices])
+
+    weights = weights_of(candidates) if len(candidates) > 1 else None
     # a single link without common paths makes `tinting` fail for all: then each is tried alone
     if weights is None:
         candidates = [i for i in candidates if tinting(first, [links[i]], frame) is not None]
-        weights = tinting(first, [links[i] for i in candidates], frame)
+        weights = weights_of(candidates)
     if len(candidates) == 1 or weights is None:
         return paths_alone(first, base)
     alike = [links[i] for i in candidates]
-    ratios = [scattering(link)[0] / (scattering(first)[0] or 1.0) for link in alike]
+    ratios = [b[i] / (b[base] or 1.0) for i in candidates]
     index = np.array([link.water.n for link in alike])
     low, high = index.min(), index.max()
     bases = [first.replace("water.n", float(n)) for n in dict.fromkeys((low, high))]
-    if first.bubbles is None:
-        turns = _in_turn(alike)
-        several = tinting(first, alike, frame, turns) if len(turns) > 1 else None
-        weights = several if several is not None and several.follows else weights
     shares = (index - low) / (high - low or 1.0)  # 0 for equal indices
     return CommonPaths(alike, candidates, ratios, weights, bases, shares)
 
 
-def _in_turn(links: Sequence[Link]) -> list[int]:
+def _weights(
+    first: Link, links: Sequence[Link], frame: Frame, b: Sequence[float]
+) -> Tinting | None:
+    """Return the weights on paths of several bases if photons can follow these, else of the first.
+
+    `b` (links,) are the scattering coefficients [m-1].
+    """
+    turns = _in_turn(links, np.array(b)) if first.bubbles is None else []
+    several = tinting(first, links, frame, turns) if len(turns) > 1 else None
+    return several if several is not None and several.follows else tinting(first, links, frame)
+
+
+def _in_turn(links: Sequence[Link], b: Floats) -> list[int]:
     """Return the order in which links are traced, strongest scattering first.
 
-    They are so close that the distributions of their numbers of scatterings, roughly Poisson laws,
-    overlap.
+    `b` (links,) are their mean scattering coefficients. The links are so close that the
+    distributions of their numbers of scatterings, roughly Poisson laws, overlap.
     """
     depth = _depth_of_light(links[0])
     # 2 sqrt(N) of a Poisson number N has a standard deviation of about 1, whatever its mean
-    root = np.array([2.0 * math.sqrt(scattering(link)[0] * depth) for link in links])
+    root = 2.0 * np.sqrt(b * depth)
     apart = float(root.max() - root.min())
     # a tenth of a distance more does not take a further base
     number = 1 + min(math.ceil(apart / _APART - 0.1), _MOST_BASES - 1)
@@ -360,8 +375,9 @@ def photon_paths(
     tints (`Tinting.follows`); `chains` sum up any.
     """
     # its paths have every order of scattering that the others need
-    base = max(waiting, key=lambda i: scattering(links[i]))
-    paths = common_paths(links, base, waiting)
+    levels = {i: scattering(links[i]) for i in waiting}
+    base = max(waiting, key=levels.__getitem__)
+    paths = common_paths(links, base, waiting, {i: b for i, (b, _) in levels.items()})
     if not (chains or paths.tinting.follows):
         paths = paths_alone(links[base], base)
     return base, paths
