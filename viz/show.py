@@ -498,10 +498,8 @@ def view(
         mesh is requested.
     """
     outputs = {"screenshot": screenshot, "html": html, "movie": movie, "light": light}
-    _refuse_unwritable(outputs | {"export": export})
+    require_outputs(**outputs, export=export)
     window = not (any(outputs.values()) or export)
-    if window and not has_display():
-        raise Refused("view", Described("no display"), "screenshot, html, movie or export")
     if movie and (link is None or isinstance(surface, TriangleMesh)):
         raise Refused("movie", Described("of a mesh, which does not move"), "a link over a sea")
     series = gain if isinstance(gain, GainSeries) else None
@@ -574,8 +572,10 @@ def _frames(
     return gain.time, rate or natural_rate(gain.time)
 
 
-def _refuse_unwritable(outputs: dict[str, str | Path | None]) -> None:
-    """Refuse outputs that cannot be written."""
+def require_outputs(**outputs: str | Path | None) -> None:
+    """Refuse outputs of a view that cannot be written, or a window without a display."""
+    if not any(outputs.values()) and not has_display():
+        raise Refused("view", Described("no display"), "screenshot, html, movie or export")
     for kind, name in outputs.items():
         if name is None:
             continue

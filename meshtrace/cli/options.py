@@ -153,8 +153,8 @@ class ResultFiles(Changes):
 
     def check(self, *links: Path | None) -> None:
         """Refuse output files that could not be written, before the work."""
-        console.check_output(self.output, *links)
         console.check_plot(self.plot, *links, self.output)
+        console.check_output(self.output, *links)
 
     def write(self, result: Any, quiet: bool = False) -> None:
         """Write the result to the files of the options, if any."""

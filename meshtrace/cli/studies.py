@@ -15,7 +15,7 @@ from meshtrace.cli import options as opt
 from meshtrace.cli.application import command
 from meshtrace.cli.console import progress
 from meshtrace.cli.options import count, flag, numbers, seas, value
-from meshtrace.errors import Refused, extra, require_word
+from meshtrace.errors import Refused, extra, require_between, require_word
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,11 +53,20 @@ def ensemble(
 def series(
     options: opt.StudyOptions,
     wavelengths_nm: opt.Wavelengths = None,
-    times: Annotated[Any, numbers("Times [s]; evenly spaced with a flight")] = "0:10:0.05",
+    times: Annotated[Any, numbers(
+        "Times [s], by default 0:10:0.05; evenly spaced with a flight")] = None,
+    duration: Annotated[float | None, value(
+        "S", "Times from 0 to this one [s], every 0.05 s, in place of --times.")] = None,
     photons: opt.Chains = 2048,
     per_lamp: opt.PerLamp = False,
-) -> None:
+) -> None:  # fmt: skip
     """Compute the channel gain over a moving sea and print its fading statistics."""
+    if duration is not None:
+        require_between(duration, 0.05, 1e5, "--duration", "[]")
+        if times is not None:
+            raise Refused("--duration", duration, "not beside --times")
+    if times is None:
+        times = opt.parse_numbers(f"0:{10.0 if duration is None else duration}:0.05")
     study = partial(mt.time_series, times=times, photons=photons, wavelengths_nm=wavelengths_nm,
                     per_lamp=per_lamp)  # fmt: skip
     options.run(study, progress(len(times)))
