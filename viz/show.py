@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -498,7 +498,7 @@ def view(
         mesh is requested.
     """
     outputs = {"screenshot": screenshot, "html": html, "movie": movie, "light": light}
-    require_outputs(**outputs, export=export)
+    require_outputs(outputs | {"export": export})
     window = not (any(outputs.values()) or export)
     if movie and (link is None or isinstance(surface, TriangleMesh)):
         raise Refused("movie", Described("of a mesh, which does not move"), "a link over a sea")
@@ -572,7 +572,7 @@ def _frames(
     return gain.time, rate or natural_rate(gain.time)
 
 
-def require_outputs(**outputs: str | Path | None) -> None:
+def require_outputs(outputs: Mapping[str, str | Path | None]) -> None:
     """Refuse outputs of a view that cannot be written, or a window without a display."""
     if not any(outputs.values()) and not has_display():
         raise Refused("view", Described("no display"), "screenshot, html, movie or export")

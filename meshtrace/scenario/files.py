@@ -148,8 +148,7 @@ def naming_other_tables(keys: Callable[[], Iterable[str]]) -> Iterator[None]:
     except Refused as error:
         if error.hint != "no such key,":
             raise
-        found = did_you_mean(error.field.rpartition(".")[2], keys())
-        hint = f"{error.hint} {found}".rstrip()
+        hint = f"{error.hint} {did_you_mean(error.field.rpartition('.')[2], keys())}".rstrip()
         raise Refused(error.field, error.value, error.allowed, hint) from error.__cause__
 
 
