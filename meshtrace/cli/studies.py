@@ -15,7 +15,7 @@ from meshtrace.cli import options as opt
 from meshtrace.cli.application import command
 from meshtrace.cli.console import progress
 from meshtrace.cli.options import count, flag, numbers, seas, value
-from meshtrace.errors import Refused, extra, require_between, require_word
+from meshtrace.errors import MISSING, Refused, extra, require_between, require_word
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -241,7 +241,9 @@ def optimize(
     photons: opt.Chains = 2048,
 ) -> None:  # fmt: skip
     """Search the best values of parameters over common seas, and check them on fresh ones."""
-    study = partial(mt.optimize, over=dict(bounds or ()) or None, objective=objective,
+    if not bounds:
+        raise Refused("--over", MISSING, "KEY=LOW,HIGH, as in receiver.fov_deg=6,90; repeatable")
+    study = partial(mt.optimize, over=dict(bounds), objective=objective,
                     hover_std=hover_std, realizations=realizations, quantile=quantile,
                     bit_rate=bit_rate, limit=limit, method=method, photons=photons)  # fmt: skip
     options.run(study, progress(None, "candidates"))

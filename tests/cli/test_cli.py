@@ -268,3 +268,8 @@ def test_a_duration_takes_the_place_of_times():
     done = meshtrace("series", "--duration", "1", "--times", "0,1")
     assert done.stderr == "error: --duration: 1.0, allowed: not beside --times\n"
     assert meshtrace("series", "--duration", "0.05", "--photons", "32").exit_code == 0
+
+
+def test_bounds_of_a_search_are_asked_for_in_the_form_of_the_option():
+    done = meshtrace("optimize")
+    assert done.stderr.startswith("error: --over: missing, allowed: KEY=LOW,HIGH")
