@@ -273,3 +273,9 @@ def test_a_duration_takes_the_place_of_times():
 def test_bounds_of_a_search_are_asked_for_in_the_form_of_the_option():
     done = meshtrace("optimize")
     assert done.stderr.startswith("error: --over: missing, allowed: KEY=LOW,HIGH")
+
+
+def test_a_setting_without_its_option_is_recognized():
+    assert (
+        "did you mean --set transmitter.depth=5?" in meshtrace("run", "transmitter.depth=5").stderr
+    )
