@@ -51,10 +51,10 @@ def ensemble(
 
 @command()
 def series(
+    context: typer.Context,
     options: opt.StudyOptions,
     wavelengths_nm: opt.Wavelengths = None,
-    times: Annotated[Any, numbers(
-        "Times [s], by default 0:10:0.05; evenly spaced with a flight")] = None,
+    times: Annotated[Any, numbers("Times [s]; evenly spaced with a flight")] = "0:10:0.05",
     duration: Annotated[float | None, value(
         "S", "Times from 0 to this one [s], every 0.05 s, in place of --times.")] = None,
     photons: opt.Chains = 2048,
@@ -63,10 +63,9 @@ def series(
     """Compute the channel gain over a moving sea and print its fading statistics."""
     if duration is not None:
         require_between(duration, 0.05, 1e5, "--duration", "[]")
-        if times is not None:
+        if context.get_parameter_source("times").name != "DEFAULT":  # type: ignore[union-attr]
             raise Refused("--duration", duration, "not beside --times")
-    if times is None:
-        times = opt.parse_numbers(f"0:{10.0 if duration is None else duration}:0.05")
+        times = opt.parse_numbers(f"0:{duration}:0.05")
     study = partial(mt.time_series, times=times, photons=photons, wavelengths_nm=wavelengths_nm,
                     per_lamp=per_lamp)  # fmt: skip
     options.run(study, progress(len(times)))
