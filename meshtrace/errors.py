@@ -7,6 +7,7 @@ functions are checks without pydantic; the others write paths and values for err
 from __future__ import annotations
 
 import difflib
+import itertools
 import math
 import operator
 import os
@@ -160,13 +161,17 @@ def refusing(field: str, allowed: str) -> Iterator[None]:
         raise Refused(field, Described(reason_of(error)), allowed) from error
 
 
-def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") -> None:
-    """Require a table with no keys other than `keys`."""
+def require_keys(
+    table: Mapping[str, Any], keys: Iterable[str], path: str = "", elsewhere: Iterable[str] = ()
+) -> None:
+    """Require a table with no keys other than `keys`; `elsewhere` are dotted ones, for the hint."""
     if not isinstance(table, Mapping):
         raise Refused(path, Described(type(table).__name__), "a table")
     for key, value in table.items():
         if key not in keys:
-            hint = f"no such key, {did_you_mean(key, keys)}".rstrip()
+            hint = (
+                f"no such key, {did_you_mean(key, keys) or did_you_mean(key, elsewhere)}".rstrip()
+            )
             raise Refused(join_path(path, key), value, ", ".join(keys), hint)
 
 
@@ -397,10 +402,16 @@ def _same(name: str | Path, path: str | Path, exists: bool) -> bool:
 
 
 def did_you_mean(word: Any, words: Iterable[str]) -> str:
-    """Return a hint at words of similar spelling, or ""."""
+    """Return a hint at words of similar spelling, or at dotted ones that end alike, or ""."""
     # the time of the search grows faster than the square of the length
-    short = isinstance(word, str) and len(word) <= 100
-    near = difflib.get_close_matches(word, list(words)) if short else []
+    if not isinstance(word, str) or len(word) > 100:
+        return ""
+    words = list(words)
+    near = difflib.get_close_matches(word, words)
+    if not near:
+        ends = {key: key.rpartition(".")[2] for key in words if "." in key}
+        alike = difflib.get_close_matches(word.rpartition(".")[2], set(ends.values()), 1)
+        near = [key for key, end in ends.items() if end in alike][:3]
     return f"did you mean {' or '.join(near)}?" if near else ""
 
 
@@ -458,6 +469,37 @@ def _shortened(text: str, most: int = 400) -> str:
 def one_line(value: object) -> str:
     """Return the text of a value on one line, with single spaces."""
     return " ".join(str(value).split())
+
+
+_NUMBER = re.compile(r"(?<![\w.])-?\d[\d,]*\.?\d*(?:e[-+]?\d+)?(?!\w)")
+
+
+def without_numbers(text: str) -> str:
+    """Return a text with # in place of each number."""
+    return _NUMBER.sub("#", text)
+
+
+def in_ranges(lines: Iterable[str]) -> list[str]:
+    """Return one line for each set of lines that differ in their numbers alone, with their ranges.
+
+    Examples
+    --------
+    >>> in_ranges(["5 m: 0.1 A", "10 m: 0.1 A", "15 m: 0.1 A"])
+    ['5 to 15 m: 0.1 A']
+    """
+    alike: dict[str, list[str]] = {}
+    for line in lines:
+        alike.setdefault(without_numbers(line), []).append(line)
+    merged = []
+    for group in alike.values():
+        columns = zip(*map(_NUMBER.findall, group), strict=True)
+        ends = (sorted(set(c), key=lambda word: float(word.replace(",", ""))) for c in columns)
+        numbers = (f"{c[0]} to {c[-1]}" if len(c) > 1 else c[0] for c in ends)
+        parts = _NUMBER.split(group[0])
+        merged.append(
+            "".join(itertools.chain(*itertools.zip_longest(parts, numbers, fillvalue="")))
+        )
+    return merged
 
 
 def reason_of(error: Exception) -> str:

@@ -447,7 +447,14 @@ def _refuse_first(error: pydantic.ValidationError, cls: type[Model]) -> NoReturn
     first = next((e for e in errors if e["type"] == "extra_forbidden"), errors[0])
     if first["type"] == "extra_forbidden":
         aliases = (field.alias for field in cls.model_fields.values() if field.alias)
-        require_keys({str(first["loc"][0]): first["input"]}, [*cls.model_fields, *aliases])
+        inner = [
+            f"{name}.{key}"
+            for name, field in cls.model_fields.items()
+            if isinstance(part := field.get_default(call_default_factory=True), Model)
+            for key in type(part).model_fields
+        ]
+        unknown = {str(first["loc"][0]): first["input"]}
+        require_keys(unknown, [*cls.model_fields, *aliases], elsewhere=inner)
     refuse(first, cls.__name__, list(first["loc"]), cls)
 
 

@@ -116,6 +116,20 @@ def _told_apart(ax: Axes) -> None:
             patch.set_linestyle(STROKES.get(shade, ("-",))[0])
 
 
+def with_clear_legend(ax: Axes) -> Axes:
+    """Return finished axes, their legend beside them if it would cover a curve within them."""
+    legend = ax.get_legend()
+    if legend is not None:
+        # the place of a legend is known once it is laid out
+        ax.figure.canvas.figure.draw_without_rendering()
+        box = legend.get_window_extent()
+        paths = (line.get_path().transformed(line.get_transform()) for line in ax.lines)
+        if any(path.intersects_bbox(box, filled=False) for path in paths):
+            legend.set_loc("upper left")
+            legend.set_bbox_to_anchor((1.0, 1.0), ax.transAxes)
+    return ax
+
+
 def _titled(ax: Axes, data: xr.Dataset, quantity: str) -> Axes:
     """Return axes whose legend of numbers says of what and in which unit they are."""
     by, legend = data[quantity].dims[0], ax.get_legend()

@@ -15,7 +15,7 @@ from meshtrace.errors import Described, Refused
 from meshtrace.fields import FIELDS, attrs
 from meshtrace.results.series import ByWavelength, by_wavelength
 
-from .marks import along, axes, curves, finished, lines, note, variable
+from .marks import along, axes, curves, finished, lines, note, variable, with_clear_legend
 from .style import INK, label_of, number, verbatim
 
 if TYPE_CHECKING:  # studies take as long to import as matplotlib
@@ -235,7 +235,7 @@ def plot_sweep(
         error_rates(ax, shown, 1e-3)
     if quantity in data and "light" in data[quantity].attrs:
         ax.set_title(f"background light: {data[quantity].light}", fontsize=9, pad=16)
-    return finished(ax, legend=False, yscale="log" if log else "linear")
+    return with_clear_legend(finished(ax, legend=False, yscale="log" if log else "linear"))
 
 
 def _over_parameters(data: xr.Dataset, quantity: str) -> tuple[xr.Dataset, list[str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from ctypes.util import find_library
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
@@ -499,14 +499,8 @@ def view(
         with, or a movie of a mesh is requested.
     """
     outputs = {"screenshot": screenshot, "html": html, "movie": movie, "light": light}
-    _refuse_unwritable(outputs | {"export": export})
+    require_outputs(outputs | {"export": export})
     window = not (any(outputs.values()) or export)
-    if window and not has_display():
-        raise Refused("view", Described("no display"), "screenshot, html, movie or export")
-    drawn = next((name for name in ("screenshot", "movie", "light") if outputs[name]), None)
-    if drawn and not can_draw():
-        need = "html, which a browser draws, or libegl1 or libosmesa6 of the system"
-        raise Refused(drawn, Described("no OpenGL"), need)
     if movie and (link is None or isinstance(surface, TriangleMesh)):
         raise Refused("movie", Described("of a mesh, which does not move"), "a link over a sea")
     series = gain if isinstance(gain, GainSeries) else None
@@ -579,8 +573,14 @@ def _frames(
     return gain.time, rate or natural_rate(gain.time)
 
 
-def _refuse_unwritable(outputs: dict[str, str | Path | None]) -> None:
-    """Refuse outputs that cannot be written."""
+def require_outputs(outputs: Mapping[str, str | Path | None]) -> None:
+    """Refuse outputs of a view that cannot be drawn or written, or a window without a display."""
+    if not any(outputs.values()) and not has_display():
+        raise Refused("view", Described("no display"), "screenshot, html, movie or export")
+    drawn = next((name for name in ("screenshot", "movie", "light") if outputs[name]), None)
+    if drawn and not can_draw():
+        need = "html, which a browser draws, or libegl1 or libosmesa6 of the system"
+        raise Refused(drawn, Described("no OpenGL"), need)
     for kind, name in outputs.items():
         if name is None:
             continue

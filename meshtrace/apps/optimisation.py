@@ -128,12 +128,13 @@ class Optimum(Stored, kind="optimum", title="meshtrace optimum"):
             )
         ]
         check = self.validation
-        gained = f"{check.difference:.3g} +- {check.stderr:.1g}"
+        verb = "lost" if check.difference < 0.0 else "gained"
+        change = f"{abs(check.difference):.3g} +- {check.stderr:.1g}"
         # costs that are logarithms of a ratio of powers read as decibels
         if self.objective in ("gain", "margin", "outage"):
-            gained = f"{DECIBELS * check.difference:.2f} +- {DECIBELS * check.stderr:.2f} dB"
+            change = f"{DECIBELS * abs(check.difference):.2f} +- {DECIBELS * check.stderr:.2f} dB"
         reached = f"{self.objective} {self.value:.4g} after {len(self.history)} candidates"
-        checked = f"fresh seeds: best {check.best:.4g}, start {check.start:.4g}, gained {gained}"
+        checked = f"fresh seeds: best {check.best:.4g}, start {check.start:.4g}, {verb} {change}"
         return "\n".join([reached, "", text_table(of_values, head), "", checked, *self.notes])
 
 

@@ -6,7 +6,7 @@ import math
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from itertools import chain, repeat
 from pathlib import Path
@@ -14,7 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from meshtrace.errors import Refused, extra, one_line, require_writable
+from meshtrace.errors import (
+    Refused,
+    extra,
+    in_ranges,
+    one_line,
+    require_writable,
+    without_numbers,
+)
 from meshtrace.files import atomic
 
 if TYPE_CHECKING:
@@ -148,25 +155,34 @@ def compile_ahead(toml: str, *modules: str) -> None:
 
 @contextmanager
 def warnings_as_lines() -> Iterator[None]:
-    """Print each different warning as a line of stderr when it is raised.
+    """Print a warning as a line of stderr when it is raised.
 
+    Those that differ from it in their numbers alone, as along a sweep, are one line at the end.
     Warnings for programmers, such as of deprecations, are left out.
     """
-    printed: set[str] = set()
+    alike: dict[str, list[str]] = {}
 
     def tell(message: Warning | str, *_: Any) -> None:
         # a loop over many seas would repeat its warnings
         line = one_line(message)
-        if line not in printed:
-            printed.add(line)
+        lines = alike.setdefault(without_numbers(line), [])
+        if not lines:
             typer.echo(f"warning: {line}", err=True)
+        if line not in lines:
+            lines.append(line)
 
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         for kind in (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning):
             warnings.simplefilter("ignore", kind)
         warnings.showwarning = tell  # type: ignore[assignment]
-        yield
+        try:
+            yield
+        finally:
+            for lines in alike.values():
+                if len(lines) > 1:
+                    text = in_ranges(lines)[0]
+                    typer.echo(f"warning, {len(lines)} times in all: {text}", err=True)
 
 
 def finite(value: Any) -> Any:
@@ -182,18 +198,21 @@ def finite(value: Any) -> Any:
     return float(value) if math.isfinite(value) else None
 
 
-def check_output(output: Path | None, *inputs: Path | None, option: str = "--output") -> None:
+def check_output(
+    output: Path | None, *inputs: Path | None, option: str = "--output",
+    suffixes: Collection[str] = (".nc",),
+) -> None:  # fmt: skip
     """Check, before anything is computed, that an optional output file can be written.
 
-    It must not replace a link file, nor a mesh or spectrum that a link file names.
+    It must not replace a link file, nor a mesh or spectrum that a link file names, and its name
+    must say what it holds.
     """
     if output is None:
         return
     named = (file for link in inputs if link is not None for file in _named_files(link))
     require_writable(output, [*inputs, *named], option)
-    # no result is TOML: such a name is a slip, and would replace a link file
-    if output.suffix.lower() == ".toml":
-        raise Refused(option, str(output), "a path not ending in .toml")
+    if output.suffix.lower() not in suffixes:
+        raise Refused(option, str(output), f"a file {', '.join(sorted(suffixes))}")
 
 
 def _named_files(link: Path) -> Iterator[Path]:
@@ -216,12 +235,12 @@ def check_plot(path: Path | None, *inputs: Path | None, option: str = "--plot") 
     """Refuse a picture that could not be written, before anything is computed."""
     if path is None:
         return
-    check_output(path, *inputs, option=option)
     with extra("viz", option):
         from matplotlib.figure import Figure
-    kinds = Figure().canvas.get_supported_filetypes()
-    if path.suffix[1:].lower() not in kinds:
-        raise Refused(option, str(path), f"a file .{', .'.join(sorted(kinds))}")
+
+        import meshtrace.viz  # noqa: F401, which refuses where any package of the extra is missing
+    kinds = {f".{kind}" for kind in Figure().canvas.get_supported_filetypes()}
+    check_output(path, *inputs, option=option, suffixes=kinds)
 
 
 def save(result: Stored, path: Path | None, quiet: bool = False) -> None:

@@ -11,7 +11,7 @@ import typer
 
 import meshtrace as mt
 from meshtrace.cli import console
-from meshtrace.errors import Refused
+from meshtrace.errors import Described, Refused
 
 
 def parse_numbers(text: str) -> list[float]:
@@ -141,6 +141,10 @@ class Changes:
         changes = dict(parse_setting(setting) for setting in (*(self.set_ or []), *settings))
         if link is None:
             return mt.Scenario.from_toml("", changes=changes, trust=self.trust)
+        if "=" in link.name and not link.exists():
+            raise Refused(
+                str(link), Described("no such file"), "a link file", f"did you mean --set {link}?"
+            )
         return mt.Scenario.load(link, changes, trust=self.trust)
 
 
@@ -153,8 +157,8 @@ class ResultFiles(Changes):
 
     def check(self, *links: Path | None) -> None:
         """Refuse output files that could not be written, before the work."""
-        console.check_output(self.output, *links)
         console.check_plot(self.plot, *links, self.output)
+        console.check_output(self.output, *links)
 
     def write(self, result: Any, quiet: bool = False) -> None:
         """Write the result to the files of the options, if any."""

@@ -15,7 +15,7 @@ from meshtrace.cli import options as opt
 from meshtrace.cli.application import command
 from meshtrace.cli.console import progress
 from meshtrace.cli.options import count, flag, numbers, seas, value
-from meshtrace.errors import Refused, extra, require_word
+from meshtrace.errors import MISSING, Refused, extra, require_between, require_word
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -51,13 +51,21 @@ def ensemble(
 
 @command()
 def series(
+    context: typer.Context,
     options: opt.StudyOptions,
     wavelengths_nm: opt.Wavelengths = None,
     times: Annotated[Any, numbers("Times [s]; evenly spaced with a flight")] = "0:10:0.05",
+    duration: Annotated[float | None, value(
+        "S", "Times from 0 to this one [s], every 0.05 s, in place of --times.")] = None,
     photons: opt.Chains = 2048,
     per_lamp: opt.PerLamp = False,
-) -> None:
+) -> None:  # fmt: skip
     """Compute the channel gain over a moving sea and print its fading statistics."""
+    if duration is not None:
+        require_between(duration, 0.05, 1e5, "--duration", "[]")
+        if context.get_parameter_source("times").name != "DEFAULT":  # type: ignore[union-attr]
+            raise Refused("--duration", duration, "not beside --times")
+        times = opt.parse_numbers(f"0:{duration}:0.05")
     study = partial(mt.time_series, times=times, photons=photons, wavelengths_nm=wavelengths_nm,
                     per_lamp=per_lamp)  # fmt: skip
     options.run(study, progress(len(times)))
@@ -232,7 +240,9 @@ def optimize(
     photons: opt.Chains = 2048,
 ) -> None:  # fmt: skip
     """Search the best values of parameters over common seas, and check them on fresh ones."""
-    study = partial(mt.optimize, over=dict(bounds or ()) or None, objective=objective,
+    if not bounds:
+        raise Refused("--over", MISSING, "KEY=LOW,HIGH, as in receiver.fov_deg=6,90; repeatable")
+    study = partial(mt.optimize, over=dict(bounds), objective=objective,
                     hover_std=hover_std, realizations=realizations, quantile=quantile,
                     bit_rate=bit_rate, limit=limit, method=method, photons=photons)  # fmt: skip
     options.run(study, progress(None, "candidates"))

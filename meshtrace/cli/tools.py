@@ -168,7 +168,7 @@ def _measured(quick: bool, case: str | None, output: Path | None, json_: bool) -
     """Compare published measurements with computed values."""
     from meshtrace.apps import measured
 
-    console.check_output(output)
+    console.check_output(output, suffixes=(".csv", ".nc"))
     names = list(measured.experiments())
     if case is not None:
         require_word(case, names, "--case")
@@ -192,6 +192,8 @@ def plot_command(
         "A.PNG", "Picture; default: RESULT.png.", "--output", "-o")] = None,
 ) -> None:  # fmt: skip
     """Draw a result file."""
+    if file.suffix.lower() == ".toml":
+        raise Refused(str(file), Described("a link file"), "a result; meshtrace view draws links")
     path = file.with_suffix(".png") if output is None else output
     console.check_plot(path, file, option="--output")
     console.draw(_content(file), path)

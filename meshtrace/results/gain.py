@@ -349,7 +349,9 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
                 lines.append(_line("by lamp", ", ".join(f"{g:.4e} +- {s:.1e}" for g, s in pairs)))
             if self.scattered:
                 estimator, samples, scored, effective = self.scattered[i]
-                text = f"{samples:,} {estimator}, {scored:,} of them with a contribution"
+                # a share: `samples` below has their number
+                share = 100.0 * scored / max(samples, 1)
+                text = f"{share:.3g} % of the {estimator} contribute"
                 lines.append(_line("", f"{text}; effective sample size {effective:,.0f}"))
         return lines
 

@@ -196,7 +196,7 @@ class Scenario(Model, frozen=True):
         """
         if not isinstance(config, Mapping):
             raise Refused("config", config, "a table")
-        with trusting(trust):
+        with trusting(trust), files.naming_other_tables(cls._keys):
             require_keys(config, files.KEYS)
             # bare words (bubbles = "none") and relative paths are resolved here, in a copy: the
             # functions that read the tables see neither
@@ -260,6 +260,14 @@ class Scenario(Model, frozen=True):
             meshing=Meshing.model_validate(files.split(options, Meshing.model_fields)[0]),
             run=Run.model_validate({k: v for k, v in options.items() if k in run_keys}),
         )
+
+    @classmethod
+    def _keys(cls) -> list[str]:
+        """Return the dotted keys of link files."""
+        unset = (f"{name}.{line.partition(' = ')[0]}" for name, lines in files.unset_keys().items()
+                 for line in lines)  # fmt: skip
+        # from the last, as the lamp is meant more often than sea and bubbles, which come before it
+        return [*reversed([*files.dotted(cls.from_toml("").to_config())]), *unset]
 
     def to_config(self) -> files.Table:
         """Return the full configuration as plain data with the keys of a link file.

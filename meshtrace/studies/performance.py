@@ -21,7 +21,7 @@ from meshtrace.comms.pulses import Eye
 from meshtrace.comms.response import SHORT, ChannelResponse
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import Refused, require_between, require_finite, require_word
+from meshtrace.errors import Refused, in_ranges, require_between, require_finite, require_word
 from meshtrace.fading import Estimate
 from meshtrace.link import Link
 from meshtrace.mesh import SeededSurface, SurfaceModel
@@ -279,7 +279,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         ]
 
     def _overloads(self) -> list[str]:
-        """Return a warning for each depth at which the detector loses most counts of a 1 bit."""
+        """Return a warning of the depths at which the detector loses most counts of a 1 bit."""
         ook, lines = self.ooks[0], []
         if not ook.saturation:
             return []
@@ -294,7 +294,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
                     f"{_named(depth)}the SiPM saturates and passes on {100.0 * passed:.2g} % of "
                     f"the counts of a one, at {ook.sipm.bias_current(level):.2g} A: attenuate"
                 )
-        return lines
+        return in_ranges(lines)
 
     def _derived(self) -> Variables:
         """Return the range of each bit rate for a file."""

@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+import warnings
 
 import pytest
 from command_line import meshtrace, refusal
@@ -243,3 +244,38 @@ def test_a_series_of_two_steps_has_no_coherence_time():
 def test_convergence_of_a_dark_link_is_refused():
     dark = ["--spacings", "4,3,2,1", "--photons", 32, "--placements", 1, "--set", "water.a=180"]
     assert "no light received" in refusal("converge", *dark)
+
+
+def test_alike_warnings_are_two_lines(capsys):
+    from meshtrace.cli.console import warnings_as_lines
+
+    with warnings_as_lines():
+        for current in (83.1, 143, 97):
+            warnings.warn(f"{current} mA through the SiPM", stacklevel=1)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "warning: 83.1 mA through the SiPM"
+    assert lines[1:] == ["warning, 3 times in all: 83.1 to 143 mA through the SiPM"]
+
+
+@pytest.mark.parametrize("setting", ["depth=5", "receiver.depth=5"])
+def test_a_key_of_another_table_is_named(setting):
+    done = meshtrace("run", "--set", setting)
+    assert done.exit_code == 2
+    assert "did you mean transmitter.depth" in done.stderr
+
+
+def test_a_duration_takes_the_place_of_times():
+    done = meshtrace("series", "--duration", "1", "--times", "0,1")
+    assert done.stderr == "error: --duration: 1.0, allowed: not beside --times\n"
+    assert meshtrace("series", "--duration", "0.05", "--photons", "32").exit_code == 0
+
+
+def test_bounds_of_a_search_are_asked_for_in_the_form_of_the_option():
+    done = meshtrace("optimize")
+    assert done.stderr.startswith("error: --over: missing, allowed: KEY=LOW,HIGH")
+
+
+def test_a_setting_without_its_option_is_recognized():
+    assert (
+        "did you mean --set transmitter.depth=5?" in meshtrace("run", "transmitter.depth=5").stderr
+    )

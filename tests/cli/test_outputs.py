@@ -148,3 +148,43 @@ def test_the_scatter_of_a_single_sea_is_a_dash():
     data = xr.Dataset({"gain": gain, "gain_stderr": 0.1 * gain}, {"depth": [1.0, 2.0]})
     head, _, *rows = _rows(data)
     assert [row.split()[-1] for row in (head, *rows)] == ["scatter", "-", "-"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "-o", "a.png"],
+        ["ber", "--plot", "a.nc"],
+        ["series", "--plot", "none/a.png"],
+        ["irradiance", "-o", "a.csv"],
+        ["traces", "-o", "none/a.nc"],
+        ["lidar", "--plot", "a.xyz"],
+        ["water", "--plot", "none/a.png"],
+        ["validate", "--suite", "measured", "-o", "a.png"],
+        ["view", "--screenshot", "none/a.png"],
+        ["view", "--html", "a.png"],
+        ["plot", "link.toml"],
+    ],
+    ids=" ".join,
+)
+def test_unwritable_outputs_are_refused_before_the_work(tmp_path, monkeypatch, words):
+    (tmp_path / "link.toml").write_text("")
+    monkeypatch.chdir(tmp_path)
+    for work in ("Scenario.mesh", "Scenario.simulate"):
+        monkeypatch.setattr(f"meshtrace.scenario.{work}", None)
+    done = meshtrace(*words)
+    assert done.exit_code == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("error: ")
+    assert "meshtrace view" in done.stderr or words[0] != "plot"
+
+
+@pytest.mark.parametrize("package", ["matplotlib", "pyvista"])
+def test_a_plot_without_the_extra_is_refused_before_the_work(tmp_path, monkeypatch, package):
+    monkeypatch.setitem(sys.modules, "meshtrace.viz", None)
+    if package == "matplotlib":
+        monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    monkeypatch.setattr("meshtrace.scenario.Scenario.case", None)
+    done = meshtrace("ber", "--plot", tmp_path / "a.png")
+    assert done.exit_code == 2
+    assert "meshtrace[viz]" in done.stderr

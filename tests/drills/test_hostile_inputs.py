@@ -28,12 +28,14 @@ def check(*plan):
         assert counts[kind]["number"] > 0
 
 
+@pytest.mark.posix
 @pytest.mark.thorough
 def test_some_inputs():
     """One process for all kinds: its start costs more than the inputs."""
     check(*((kind, 0, last) for kind, last in SMALL.items()))
 
 
+@pytest.mark.posix
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", LARGE)
 def test_many_inputs(kind):

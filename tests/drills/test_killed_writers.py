@@ -27,7 +27,7 @@ from meshtrace.surfaces import FlatSea
 
 pytestmark = [
     pytest.mark.drill,
-    pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork"),
+    pytest.mark.posix,
     # matplotlib and numba have threads; the child calls none of them
     pytest.mark.filterwarnings("ignore:.*multi-threaded:DeprecationWarning"),
 ]

@@ -11,7 +11,7 @@ from random import Random
 
 import pytest
 
-pytestmark = [pytest.mark.drill, pytest.mark.process]
+pytestmark = [pytest.mark.drill, pytest.mark.process, pytest.mark.posix]
 
 KILLS = 30
 PAPER = Path(__file__).parents[2] / "examples" / "paper"
@@ -140,7 +140,6 @@ def test_kills_while_files_are_opened_and_renamed(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", WRITERS)
-@pytest.mark.skipif(os.name != "posix", reason="limits of a POSIX shell")
 @pytest.mark.slow
 def test_full_disk(name, tmp_path):
     """Files may hold 4 kB: one line says so, and the older file is still there."""
@@ -157,7 +156,6 @@ def test_full_disk(name, tmp_path):
     assert only(tmp_path, {name}) == []
 
 
-@pytest.mark.skipif(os.name != "posix", reason="limits of a POSIX shell")
 @pytest.mark.slow
 def test_full_disk_of_an_export(tmp_path):
     """VTK writes what fits and says nothing."""

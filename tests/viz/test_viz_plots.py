@@ -469,3 +469,17 @@ def test_plots_draw_on_given_axes_and_leave_defaults_alone():
     assert viz.plot_ber(data, ax=ax) is ax
     assert viz.plot_ber(data) is not ax
     assert mpl.rcParams["axes.grid"] == before
+
+
+def test_the_legend_of_a_sweep_covers_no_curve():
+    """Curves fill the axes: no place within them is free."""
+    depth, a = np.linspace(5.0, 40.0, 15), np.linspace(0.05, 0.3, 6)
+    zigzag = 10.0 ** -(3.0 + 3.0 * np.arange(15) % 7.0 + a[:, None])
+    data = xr.Dataset({"gain": (("water.a", "transmitter.depth"), zigzag)},
+                      {"water.a": a, "transmitter.depth": depth})  # fmt: skip
+    ax = viz.plot_sweep(data)
+    ax.figure.draw_without_rendering()
+    box = ax.get_legend().get_window_extent()
+    for line in ax.lines:
+        path = line.get_path().transformed(line.get_transform())
+        assert not path.intersects_bbox(box, filled=False)

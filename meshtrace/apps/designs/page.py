@@ -311,7 +311,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
         abouts = (wrapped(f"{f.light}: {f.about}") for f in self.figures)
         best = [
             f"BEST VALUES BY {period.upper()}, each alone; flat within 0.5 dB or the error\n"
-            "gained is reserve, for a bit rate the rate after hard decisions\n\n"
+            "change is of the reserve, for a bit rate of the rate after hard decisions\n\n"
             f"{_choices_table([choice for choice in self.choices if choice.light == period])}"
             for period in PERIODS
         ]
@@ -381,7 +381,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
             by_direction.setdefault(lens.direction, []).append(lens)
         heads = ["apart [m]"]
         for direction in by_direction:
-            heads += [f"correlation {direction}", "gained"]
+            heads += [f"correlation {direction}", "change"]
         lines = [
             [f"{pair[0].distance:.3g}"]
             + [cell for r in pair for cell in (f"{r.correlation:.3f}", f"{r.diversity_db:+.2f} dB")]
@@ -438,7 +438,7 @@ def _choices_table(choices: Sequence[BestValue]) -> str:
         )
         for c in choices
     ]
-    return text_table(lines, ("key", "given", "best", "flat", "gained", ""))
+    return text_table(lines, ("key", "given", "best", "flat", "change", ""))
 
 
 def _named(key: str, unit: str) -> str:

@@ -461,7 +461,7 @@ def design_reading(design: Design) -> dict[str, Any]:
     for choice in design.choices:
         remarks += [f"{_scale(choice.key, '')[0]}: {choice.note}"] if choice.note else []
     gained = {c.light: f"{c.gained:+.1f} ± {c.gained_stderr:.1f} dB" for c in design.together}
-    together = ["Gained", "", *(minus(gained.get(period, "–")) for period in PERIODS)]
+    together = ["Change", "", *(minus(gained.get(period, "–")) for period in PERIODS)]
     tables = (
         ("Figures", ("", *PERIODS), _figures(design)),
         ("Best values, each alone", values, _by_key(design.choices, _best_alone)),

@@ -51,7 +51,7 @@ def test_a_design_is_read_in_the_units_of_the_page():
     assert figures["rows"][3] == ["Reserve, outage 1 %", "3.0 ± 0.3 dB", "−4.0 ± 0.3 dB"]
     cell = "20 (10 … 20), +1.5 dB"
     assert best["rows"] == [["Aperture radius [cm]", "5", cell, cell]]
-    assert together["rows"][-1] == ["Gained", "", "+1.5 ± 0.1 dB", "+1.5 ± 0.1 dB"]
+    assert together["rows"][-1] == ["Change", "", "+1.5 ± 0.1 dB", "+1.5 ± 0.1 dB"]
     assert reach["rows"] == [
         ["Depth [m]", "10", "≤ 12", "none"],
         ["Filter width [nm]", "10", "all to 40", "≤ 3"],
