@@ -216,6 +216,7 @@ def _content(file: Path) -> object:
 def warm() -> None:
     """Compile the kernels of gains, several wavelengths, maps and daylight; keep them."""
     from meshtrace.kernels.jit import folder
+    from meshtrace.link import Body
 
     start, sea = time.perf_counter(), mt.JonswapSea()
     # each of these links calls kernels that the others do not
@@ -223,15 +224,28 @@ def warm() -> None:
     turbid = mt.Link(water=mt.Water(a=0.1, b=1.0))
     links = [mt.Link().mirrored(), mt.Link(physics=mt.Physics(unresolved="none")), several, turbid]
     clear, murky = (mt.Link(water=mt.Water.from_type(name)) for name in ("jerlov-IB", "jerlov-9C"))
+    # Links under water, and bodies beside links, bring arrays of types of their own.
+    triangle = mt.TriangleMesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
+    beside = (Body(mesh=triangle, position=(1.0, 0.0, -3.0), albedo=0.5),)
+    under = mt.Link(receiver=mt.WaterReceiver(depth=5.0))
+    links += [under, under.replace(objects=beside), mt.Link(objects=beside)]
+    links += [mt.Link(objects=beside, physics=mt.Physics(unresolved="none"))]
+    apart = [under.replace(water=clear.water, objects=bodies) for bodies in ((), beside)]
     in_colours = partial(mt.simulate, surface=sea, photons=64, wavelengths_nm=[450.0, 550.0])
     day = mt.Daylight(direct=1.0, diffuse=0.2)
     runs: list[Callable[[], Any]] = [
         # the default sea of `meshtrace run` has another mesh than `sea` has in `simulate`
         opt.Changes().scenario(None).simulate,
         *(partial(mt.simulate, link, sea, photons=64) for link in links),
-        partial(mt.simulate, mt.Link(), sea, "analog", photons=64),
+        *(
+            partial(mt.simulate, mt.Link(objects=bodies), sea, "analog", photons=64)
+            for bodies in ((), beside)
+        ),
         partial(mt.coverage_map, mt.Link(), sea, extent=1.0, step=0.5, rtol=0.5),
-        *(partial(in_colours, link) for link in (clear, murky)),
+        *(
+            partial(in_colours, link)
+            for link in (clear, murky, clear.replace(objects=beside), *apart)
+        ),
         partial(in_colours, clear, estimator="analog"),
         partial(mt.background, mt.Link(), sea, day, photons=64),
         partial(mt.apps.irradiance_series, sea, day, photons=1000, patch=(0.5, 0.5)),

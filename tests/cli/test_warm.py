@@ -11,6 +11,7 @@ SIGNATURES = """
 import json, sys
 from meshtrace.cli import app
 app({arguments!r}, standalone_mode=False)
+{then}
 from meshtrace.kernels.jit import _Entry
 modules = [m for name, m in list(sys.modules.items()) if name.startswith("meshtrace.")]
 entries = {{e for m in modules for e in vars(m).values() if isinstance(e, _Entry)}}
@@ -18,9 +19,9 @@ print(json.dumps({{e.py_func.__name__: len(e.signatures) for e in entries}}))
 """
 
 
-def signatures_after(*arguments):
-    """Return the number of compiled signatures of each kernel after a command."""
-    code = SIGNATURES.format(arguments=arguments)
+def signatures_after(*arguments, then=""):
+    """Return the number of compiled signatures of each kernel after a command and further code."""
+    code = SIGNATURES.format(arguments=arguments, then=then)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     return json.loads(done.stdout.splitlines()[-1])
 
@@ -58,8 +59,34 @@ def test_the_first_run_compiles_no_more_functions_than_it_did(tmp_path):
 @pytest.mark.thorough
 def test_warm_compiles_colours_turbid_water_background_and_irradiance():
     n = signatures_after("warm")
-    # of one and of several wavelengths
-    assert n["follow"] == n["follow_joined"] == 2
+    # of one and of several wavelengths, and at one wavelength beside bodies
+    assert n["follow"] == 3
+    # of one and of several wavelengths: up, under water, and both beside bodies; with facets alone
+    assert n["follow_joined"] == 9
     assert n["facet_hits"] == 1  # one for both
     names = ("tint_chains", "tint_straight", "land_sunlight", "add_upwelling", "split_rays")
     assert all(n[name] for name in names)
+
+
+UNDER_AND_BESIDE = """
+import warnings
+import meshtrace as mt
+from meshtrace.link import Body
+warnings.simplefilter("ignore")
+plate = mt.TriangleMesh([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [(0, 1, 2), (0, 2, 3)])
+bodies = tuple(Body(mesh=plate, position=(0.5, 0.0, z), albedo=0.0) for z in (-3.0, 2.0))
+ends = {"under": mt.WaterReceiver(depth=5.0), "up": mt.Receiver(height=4.0)}
+for end, objects in ((e, o) for e in ends.values() for o in ((), bodies)):
+    for spectrum in (None, [480.0, 520.0]):
+        water = mt.Water() if spectrum is None else mt.Water.from_type("jerlov-II")
+        link = mt.Link(water=water, receiver=end, objects=objects)
+        mt.simulate(link, mt.surfaces.FlatSea(), photons=32, wavelengths_nm=spectrum)
+        mt.simulate(link, mt.JonswapSea(), photons=32, wavelengths_nm=spectrum)
+    mt.simulate(link, mt.surfaces.FlatSea(), "analog", photons=32)
+"""
+
+
+@pytest.mark.process
+@pytest.mark.slow
+def test_links_under_water_and_beside_bodies_compile_nothing_after_warm():
+    assert signatures_after("warm", then=UNDER_AND_BESIDE) == signatures_after("warm")
