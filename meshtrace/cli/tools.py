@@ -222,9 +222,9 @@ def warm() -> None:
     turbid = mt.Link(water=mt.Water(a=0.1, b=1.0))
     links = [mt.Link().mirrored(), mt.Link(physics=mt.Physics(unresolved="none")), several, turbid]
     clear, murky = (mt.Link(water=mt.Water.from_type(name)) for name in ("jerlov-IB", "jerlov-9C"))
-    # Links under water, and bodies beside links, bring arrays of types of their own.
+    # Links under water, and bodies in the light, bring arrays of types of their own.
     triangle = mt.TriangleMesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
-    beside = (Body(mesh=triangle, position=(1.0, 0.0, -3.0), albedo=0.5),)
+    beside = (Body(mesh=triangle, position=(-0.3, -0.3, -3.0), albedo=0.5),)
     under = mt.Link(receiver=mt.WaterReceiver(depth=5.0))
     links += [under, under.replace(objects=beside), mt.Link(objects=beside)]
     links += [mt.Link(objects=beside, physics=mt.Physics(unresolved="none"))]
