@@ -224,11 +224,13 @@ def warm() -> None:
     turbid = mt.Link(water=mt.Water(a=0.1, b=1.0))
     links = [mt.Link().mirrored(), mt.Link(physics=mt.Physics(unresolved="none")), several, turbid]
     clear, murky = (mt.Link(water=mt.Water.from_type(name)) for name in ("jerlov-IB", "jerlov-9C"))
-    # Links under water, and bodies beside links, bring arrays of types of their own.
-    triangle = mt.TriangleMesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
-    beside = (Body(mesh=triangle, position=(1.0, 0.0, -3.0), albedo=0.5),)
+    # Links under water, and bodies in the light, bring arrays of types of their own.
+    triangle = mt.TriangleMesh([(-2, -2, 0), (2, -2, 0), (0, 2, 0)], [(0, 1, 2)])
+    places = (0.5, 0.0, -3.0), (0.5, 0.0, 2.0)
+    beside = tuple(Body(mesh=triangle, position=place, albedo=0.0) for place in places)
     under = mt.Link(receiver=mt.WaterReceiver(depth=5.0))
-    links += [under, under.replace(objects=beside), mt.Link(objects=beside)]
+    near = mt.Link(receiver=mt.Receiver(height=4.0), objects=beside)
+    links += [under, under.replace(objects=beside), near]
     links += [mt.Link(objects=beside, physics=mt.Physics(unresolved="none"))]
     apart = [under.replace(water=clear.water, objects=bodies) for bodies in ((), beside)]
     in_colours = partial(mt.simulate, surface=sea, photons=64, wavelengths_nm=[450.0, 550.0])
