@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 import meshtrace as mt
@@ -225,29 +226,25 @@ def warm() -> None:
     links = [mt.Link().mirrored(), mt.Link(physics=mt.Physics(unresolved="none")), several, turbid]
     clear, murky = (mt.Link(water=mt.Water.from_type(name)) for name in ("jerlov-IB", "jerlov-9C"))
     # Links under water, and bodies in the light, bring arrays of types of their own.
-    triangle = mt.TriangleMesh([(-2, -2, 0), (2, -2, 0), (0, 2, 0)], [(0, 1, 2)])
-    places = (0.5, 0.0, -3.0), (0.5, 0.0, 2.0)
-    beside = tuple(Body(mesh=triangle, position=place, albedo=0.0) for place in places)
-    under = mt.Link(receiver=mt.WaterReceiver(depth=5.0))
-    near = mt.Link(receiver=mt.Receiver(height=4.0), objects=beside)
-    links += [under, under.replace(objects=beside), near]
-    links += [mt.Link(objects=beside, physics=mt.Physics(unresolved="none"))]
-    apart = [under.replace(water=clear.water, objects=bodies) for bodies in ((), beside)]
+    corners = np.array([(-2.0, -2.0, 0.0), (2.0, -2.0, 0.0), (0.0, 2.0, 0.0)])
+    plate = mt.TriangleMesh(corners, np.array([[0, 1, 2]], np.int32))
+    # the upper one lies between the sea and a receiver at 4 m
+    plates = tuple(Body(mesh=plate, position=(0.5, 0.0, z), albedo=0.0) for z in (-3.0, 2.0))
+    ends = mt.WaterReceiver(depth=5.0), mt.Receiver(height=4.0)
+    under, above = (mt.Link(receiver=end) for end in ends)
+    links += [under, *(link.replace(objects=plates) for link in (under, above, links[1]))]
+    coloured = [link.replace(objects=bodies, water=clear.water) for link in (under, above)
+                for bodies in ((), plates)]  # fmt: skip
     in_colours = partial(mt.simulate, surface=sea, photons=64, wavelengths_nm=[450.0, 550.0])
     day = mt.Daylight(direct=1.0, diffuse=0.2)
     runs: list[Callable[[], Any]] = [
         # the default sea of `meshtrace run` has another mesh than `sea` has in `simulate`
         opt.Changes().scenario(None).simulate,
         *(partial(mt.simulate, link, sea, photons=64) for link in links),
-        *(
-            partial(mt.simulate, mt.Link(objects=bodies), sea, "analog", photons=64)
-            for bodies in ((), beside)
-        ),
+        partial(mt.simulate, mt.Link(), sea, "analog", photons=64),
+        partial(mt.simulate, above.replace(objects=plates), sea, "analog", photons=64),
         partial(mt.coverage_map, mt.Link(), sea, extent=1.0, step=0.5, rtol=0.5),
-        *(
-            partial(in_colours, link)
-            for link in (clear, murky, clear.replace(objects=beside), *apart)
-        ),
+        *(partial(in_colours, link) for link in (murky, *coloured)),
         partial(in_colours, clear, estimator="analog"),
         partial(mt.background, mt.Link(), sea, day, photons=64),
         partial(mt.apps.irradiance_series, sea, day, photons=1000, patch=(0.5, 0.5)),
