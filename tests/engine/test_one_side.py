@@ -185,3 +185,13 @@ def test_stated_errors_are_true(link, photons):
     # scatter of 64 seeds over the stated variance; wider than chi-square's own bounds, as the
     # stated errors of heavy tails scatter, too
     assert 0.4 < gains.var(ddof=1) / variance < 2.5
+
+
+def test_receivers_at_and_behind_a_lamp_see_the_light_that_the_water_sends_back():
+    """A receiver 1 mm behind the lamp saw an eighth of it, one at its place ended in an error."""
+    for depth in (10.0, 10.001):
+        link = mt.Link(receiver=mt.WaterReceiver(depth=depth, radius=0.3))
+        forced = mt.simulate(link, mt.surfaces.FlatSea(), photons=40_000, seed=3)
+        # analog photons: 8.30(18)e-5, `photons=20_000_000`
+        assert abs(forced.gain - 8.3e-5) < 4.0 * np.hypot(forced.gain_stderr, 0.18e-5)
+        assert forced.gain_stderr < 0.05 * forced.gain

@@ -483,12 +483,14 @@ def _way_in_water(link: Link) -> float:
     """Return the length of the way of light through the water [m], for rates and importances.
 
     The largest depth of an end; between ends in the water their largest distance; of light that
-    comes back to the air the depth of the bottom, or that from which a share e^-6 returns.
+    comes back to the air, or to receivers behind the lamps, the depth of the bottom, or that from
+    which a share e^-6 returns.
     """
-    if link.direction == "under":
-        pairs = product(link.transmitters, link.receivers)
+    pairs = list(product(link.transmitters, link.receivers))
+    ahead = any(np.dot(t.axis, np.subtract(r.center, t.center)) > 0.0 for t, r in pairs)
+    if link.direction == "under" and ahead:
         return max(math.dist(t.center, r.center) for t, r in pairs)
-    if link.direction == "over":
+    if link.direction in ("under", "over"):
         a = arrays.mean_water(link.water, 1.0)[0]
         visible = 3.0 / a if a > 0.0 else math.inf
         return min(link.water.bottom_depth or math.inf, visible, _VISIBLE)
