@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
 import meshtrace as mt
@@ -216,6 +215,8 @@ def _content(file: Path) -> object:
 @command()
 def warm() -> None:
     """Compile the kernels of gains, several wavelengths, maps and daylight; keep them."""
+    import numpy as np
+
     from meshtrace.kernels.jit import folder
     from meshtrace.link import Body
 

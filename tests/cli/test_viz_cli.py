@@ -214,5 +214,7 @@ def test_results_of_later_formats_are_refused(tmp_path):
     data = mt.simulate(mt.Link(), SEA, photons=64).to_dataset()
     data.attrs["format_version"] = 99
     data.to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
-    assert "allowed: gain of format_version " in refusal(tmp_path / "run.nc")
+    assert "allowed: gain of format_version " in refusal(
+        tmp_path / "run.nc", "--html", tmp_path / "a.html"
+    )
     assert json.loads(data.attrs["provenance"])["surface"]["seed"] == 7
