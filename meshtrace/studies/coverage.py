@@ -331,7 +331,7 @@ class _Mapped(Restored):
             mesh = self.mesh(self.times[step.time])
             EmbreeIntersector(frame_of(link).mesh(mesh), 1).built()  # kept with the mesh
         # Another grid is for a warning alone, which photons of one wavelength with all their light
-        # serve. `turn` is the kind of scatterer that these photons follow, and the share of each.
+        # serve. `turn` is the base of the tinting that these photons follow, and the shares of all.
         tinting = UNTINTED if grid else self.tinting
         turn = (0, ALONE.parts) if grid else (base, self._base_shares)
         return run_analog(
