@@ -233,7 +233,7 @@ class Link(Model, frozen=True):
         into_air = {isinstance(r, Receiver) for r in self.receivers}
         if len(from_water) > 1 or len(into_air) > 1:
             return "mixed"
-        # planes alone, without a receiver, count light in the water: from there such a link is "up",
+        # planes alone, without a receiver, count light in the water: a link from there is "up", one
         # from the air "down"
         (water,) = from_water
         air = into_air.pop() if into_air else water
@@ -465,8 +465,8 @@ class Link(Model, frozen=True):
             # whose squares do not overflow
             reach = min(reach, math.sqrt(clear) * math.sqrt(2.0 * depth + clear))
         width = max(getattr(t, "half_width", 0.0) for t in self.transmitters)
-        # the margin of the fine part about all ends, not only those that it covers, and the reach of
-        # slanted rays, at least 5 m
+        # the margin of the fine part about all ends, not only those that it covers, and the reach
+        # of slanted rays, at least 5 m
         extent = fine - half_fine + half_ends + max(reach, 5.0 * scale) + width
         # a lamp high in the air is reflected over hectares: facets of the fine part are limited
         spacing = 0.1 * scale
