@@ -509,7 +509,7 @@ def _study(
 
     plain = {name: _plain(values) for name, values in parameters.items()}
     config = plain_base(base, plain, daylight_table)
-    # text, not objects: workers and the store need no classes of the user to read it
+    # text, not objects: a worker reads it once it has imported the modules of the user's classes
     text = tomli_w.dumps(config)
     nm = options.get("wavelengths_nm")
     options = options | {"wavelengths_nm": () if nm is None else tuple(checked_wavelengths(nm))}
