@@ -674,9 +674,7 @@ def _interpolation_error(gain: Floats, stride: int) -> Floats:
     Interpolation is linear.
     """
     times = np.arange(gain.shape[1])
-    interpolated = np.stack(
-        [np.interp(times, times[::stride], of_kind[::stride]) for of_kind in gain]
-    )
+    interpolated = np.stack([np.interp(times, times[::stride], g[::stride]) for g in gain])
     # at the nodes themselves the error is zero by construction
     between = times % stride != 0
     return np.sqrt(np.mean((gain - interpolated)[:, between] ** 2, axis=1))

@@ -156,11 +156,8 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         """Return the range of each bit rate for error rates (depths, bit_rates, 3)."""
         # value, lower and upper limit: the upper limit of the error rate gives the lower one of
         # the range
-        by_bit_rate = (bers[:, i, [0, 2, 1]].T for i in range(len(self.ooks)))
-        return tuple(
-            Estimate(*(_range(self.depths, ber, target) for ber in curves))
-            for curves in by_bit_rate
-        )
+        curves = (bers[:, i, [0, 2, 1]].T for i in range(len(self.ooks)))
+        return tuple(Estimate(*(_range(self.depths, ber, target) for ber in c)) for c in curves)
 
     def eye(self, depth: float | None = None, bit_rate: float | None = None) -> Eye:
         """Return the eye diagram at the mean received power of a depth and bit rate."""
@@ -614,9 +611,8 @@ def _backgrounds(
         # the view of a receiver in the air does not depend on the depth of the lamp
         if link.receiver not in backgrounds:
             alone = ensemble.at(with_first(link))
-            backgrounds[link.receiver] = background_over_seas(
-                alone, day, ensemble.n, ensemble.flight
-            )
+            inputs = alone, day, ensemble.n, ensemble.flight
+            backgrounds[link.receiver] = background_over_seas(*inputs)
     return {depth: backgrounds[link.receiver] for depth, link in links.items()}
 
 
