@@ -653,8 +653,7 @@ def _study(
     The n numbers are in the order of `CommonChains.measure`; `scatter` is that of
     `ConvergenceStudy`; `recorded` are the options of the study.
     """
-    samples = numbers[..., :SHIFTS]
-    ballistic, *others = np.moveaxis(numbers[..., SHIFTS:], -1, 0)
+    samples, (ballistic, *others) = numbers[..., :SHIFTS], np.moveaxis(numbers[..., SHIFTS:], -1, 0)
     # tolerances are relative: a gain of 0 has none
     if not samples.mean(axis=(2, 3)).all():
         raise Refused("gain", Described("no light received"), "light at every step")
