@@ -273,8 +273,8 @@ _OVERSAMPLING = 1.25
 _DECAY = math.pi * math.sqrt(1.0 - 1.0 / _OVERSAMPLING)
 
 # Measured times [s] of one term of a direct sum, one cell of an FFT, one wave spread on the cells,
-# one value interpolated: they decide which sum is faster.
-_TERM, _FFT_CELL, _SPREAD, _BETWEEN = 0.7e-9, 20e-9, 110e-9, 20e-9
+# one value interpolated: they decide which sum is faster, and need not hold for any other machine.
+_TERM, _FFT_CELL, _SPREAD, _INTERPOLATED = 0.7e-9, 20e-9, 110e-9, 20e-9
 
 
 class WaveComponents(NamedTuple):
@@ -307,7 +307,7 @@ def flat_components(
     phase: Floats | float,
     current: tuple[float, float] | None = None,
 ) -> WaveComponents:
-    """Return tables over frequency and direction as plain arrays.
+    """Return the waves of a table over frequency and direction as flat arrays.
 
     Parameters
     ----------
@@ -523,7 +523,7 @@ class WaveGrid:
             return math.inf
         between = 0 if self._lines[0].near is None else len(self._axes[0]) * self._lines[1].number
         # a transform holds two sums; tuned: the 4 stands for the upsampled cells of finufft
-        return 0.5 * (4 * cells * _FFT_CELL + waves * _SPREAD) + between * _BETWEEN
+        return 0.5 * (4 * cells * _FFT_CELL + waves * _SPREAD) + between * _INTERPOLATED
 
 
 @cache

@@ -456,8 +456,9 @@ class _Mapped(Restored):
     def _cheaper(self, rtol: float, photons: float) -> bool:
         """Return whether chains cost less than `photons` at each time, by a probe of few tiles."""
         # one tile in nine tells the cost of all, for a ninth of the pilots
+        probe = self._chains_of(_PROBED)
         # costs are in photons over all times
-        probe, budget = self._chains_of(_PROBED), min(photons, Analog.most_photons) * len(self.times)
+        budget = min(photons, Analog.most_photons) * len(self.times)
         if probe is None or self._image is None or probe.cost(np.array([FIRST])) > budget:
             return False
         tiles = [
