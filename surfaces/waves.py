@@ -273,7 +273,7 @@ _OVERSAMPLING = 1.25
 _DECAY = math.pi * math.sqrt(1.0 - 1.0 / _OVERSAMPLING)
 
 # Measured times [s] of one term of a direct sum, one cell of an FFT, one wave spread on the cells,
-# one value interpolated: they decide which sum is faster, and need not hold for any other machine.
+# one value interpolated: they decide which sum is faster, and only their ratios matter.
 _TERM, _FFT_CELL, _SPREAD, _INTERPOLATED = 0.7e-9, 20e-9, 110e-9, 20e-9
 
 
