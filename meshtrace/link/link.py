@@ -49,7 +49,10 @@ SAME_SIDE = "under", "over"
 """Directions of links whose ends lie in one medium, with the surface as a mirror."""
 
 FEW_METRES = 10.0
-"""Depth [m] from which light comes back to the air, if there is no bottom above it."""
+"""Depth [m] from which light comes back to the air, if there is no bottom above it.
+
+Absorption by the water of `Link()`, 0.114 m-1, leaves a tenth of it on the way down and up.
+"""
 
 
 class Footprint(NamedTuple):
@@ -445,7 +448,9 @@ class Link(Model, frozen=True):
         skies = [t for t in self.transmitters if isinstance(t, AirSource)]
         under_sky = [-r.center[2] for r in self.receivers if skies and not isinstance(r, Receiver)]
         beta = max(beta, (n - 1.0) / n * max(under_sky, default=0.0))
-        steepest = 2.5  # slope of the waves up to which crossings lie in the fine part
+        # slope of the waves up to which crossings lie in the fine part: 12 standard deviations of
+        # slopes along a wind of 13 m/s (`surfaces.cox_munk`)
+        steepest = 2.5
         if self.direction in SAME_SIDE:
             # a slope of 1 turns reflected light by a right angle
             beta, steepest = max(crossing.lever for crossing in self.crossings()), 1.0
