@@ -28,8 +28,8 @@ SHORTEST = 5000.0
 # Tuned: the numbers of nodes trade accuracy for time.
 _WAVENUMBERS = 6_000  # nodes of a slope spectrum
 _HARMONICS = 12  # last harmonic of the spreading that the covariances take into account
-_COARSER = 6  # ratio of the numbers of wavenumbers for slopes and for the elevation
-_NEGLIGIBLE = 1e-6  # harmonics of a spreading below this are left out
+_COARSER = 6  # nodes of a slope spectrum that one node of the elevation stands for
+_NEGLIGIBLE = 1e-6  # harmonics of a spreading below this are left out; that of order 0 is 1
 _SPREADING_NODES = 720  # of the angle to the wind
 _SPREADING_WAVENUMBERS = 400  # at which the spreading is evaluated: it changes slowly with k
 
@@ -83,6 +83,7 @@ class SlopeSpectrum(NamedTuple):
         density = spreading.density(
             omega[sampled, None], theta, omega_p=omega_p, wind_speed=wind_speed
         )
+        # normalized on the nodes, so that the harmonic of order 0 is 1 to rounding
         density = density / density.sum(axis=1, keepdims=True)
         at_sampled = _product(np.cos(np.arange(_HARMONICS + 3)[:, None] * theta), density)
         harmonics = np.stack([np.interp(np.log(k), np.log(k[sampled]), row) for row in at_sampled])
@@ -91,7 +92,7 @@ class SlopeSpectrum(NamedTuple):
     @property
     def along_and_across(self) -> Variances:
         """Slope variances along and across the wind."""
-        # cos^2 = (1 + cos 2 theta) / 2
+        # the mean of cos^2 theta = (1 + cos 2 theta) / 2 over the spreading
         along = 0.5 * float(np.sum(self.variance * (1.0 + self.harmonics[2])))
         return along, float(np.sum(self.variance)) - along
 
@@ -127,20 +128,24 @@ class SlopeSpectrum(NamedTuple):
 
         Notes
         -----
-        With z = k R, cos(z cos(theta - p) - omega tau) = sum_n e_n Re(i^n exp(-i omega tau))
-        J_n(z) cos n(theta - p), e_0 = 1 and e_n = 2: even orders carry cos(omega tau), odd ones
-        sin(omega tau).
+        With z = k R, theta the direction of a wave and p the azimuth of the distance, the expansion
+        of Jacobi and Anger gives cos(z cos(theta - p) - omega tau) = sum_n e_n
+        Re(i^n exp(-i omega tau)) J_n(z) cos n(theta - p), e_0 = 1 and e_n = 2: even orders carry
+        cos(omega tau), odd ones sin(omega tau). The integral over theta leaves the harmonics of the
+        spreading, which is even about the wind.
         """
-        in_phase = np.cos(np.outer(lags, self.omega))
-        quadrature = np.sin(np.outer(lags, self.omega))
+        phase = np.outer(lags, self.omega)
+        in_phase, out_of_phase = np.cos(phase), np.sin(phase)
         parts = np.zeros((3, len(lags), len(distance), len(azimuth)))
         bessel = _bessel_functions(distance, self.k)
         for n in range(_HARMONICS + 1):
-            in_time = quadrature if n % 2 else in_phase
+            in_time = out_of_phase if n % 2 else in_phase
             # k_x^2 + k_y^2, k_x^2 - k_y^2 and 2 k_x k_y are k^2 times 1, cos(2 theta) and
-            # sin(2 theta), which shift the order by 2
+            # sin(2 theta), which shift the order by 2: cos(2 theta) cos(n theta) is the mean of the
+            # cosines of n - 2 and n + 2
             lower, upper = self.harmonics[abs(n - 2)], self.harmonics[n + 2]
             terms = np.stack([self.harmonics[n], 0.5 * (lower + upper), 0.5 * (lower - upper)])
+            # at lag 0 all odd orders vanish
             if not in_time.any() or np.abs(terms).max() < _NEGLIGIBLE:
                 continue
             # (-1)^(n//2) is the sign of Re(i^n exp(-i omega tau)), 2 or 1 is e_n
@@ -150,7 +155,7 @@ class SlopeSpectrum(NamedTuple):
             moments = _product(weighted, bessel(n)).reshape(3, len(lags), len(distance))
             for i in range(3):
                 parts[i] += moments[i][:, :, None] * in_azimuth[i]
-        total, difference, cross = parts
+        total, difference, cross = parts  # xx + yy, xx - yy and 2 xy
         return np.stack([0.5 * (total + difference), 0.5 * (total - difference), 0.5 * cross])
 
     def elevation(self, distance: Floats, azimuth: Floats, lags: Floats) -> Floats:
@@ -181,19 +186,23 @@ class SlopeSpectrum(NamedTuple):
             weighted = weight * in_time[n % 2]
             if np.abs(weighted).max() < _NEGLIGIBLE * variance.max():
                 continue
-            # dJ_n/dz = n J_n / z - J_(n+1)
+            # dJ_n/dz = n J_n / z - J_(n+1) (DLMF 10.6.2), with z = k R and d/dR = k d/dz
             value = _product(weighted, bessel(n))[:, :, None]
             slope = -_product(k * weighted, bessel(n + 1))[:, :, None]
             slope = slope + n * value / distance[:, None]
             rho += value * np.cos(n * azimuth)
             radial += slope * np.cos(n * azimuth)
             around += -n * value / distance[:, None] * np.sin(n * azimuth)
+        # from the radial and the azimuthal direction to x and y
         c, s = np.cos(azimuth), np.sin(azimuth)
         return np.stack([rho, radial * c - around * s, radial * s + around * c])
 
 
 def _product(few: Floats, many: Floats) -> Floats:
-    """Return few @ many.T; below 16 rows (tuned) without BLAS, whose threads cost more than it."""
+    """Return few @ many.T for arrays of few and of many rows.
+
+    Below 16 rows (tuned) without BLAS, as starting its threads takes longer than the product.
+    """
     if len(few) < 16:
         return np.einsum("ik,jk->ij", few, many)
     return few @ np.ascontiguousarray(many).T
@@ -204,7 +213,8 @@ def _bessel_functions(distance: Floats, k: Floats) -> Callable[[int], Floats]:
 
     The result has the shape (distances, wavenumbers). Both are geometric progressions, and so are
     their products: all are windows of one progression z, which starts later for each distance.
-    Upward recurrence where z > n, the series below 1/2, and scipy between.
+    Upward recurrence (DLMF 10.6.1) where z > n, the power series (DLMF 10.2.2) below 1/2, and scipy
+    between.
     """
     from scipy.special import j0, j1, jv
 
@@ -222,11 +232,12 @@ def _bessel_functions(distance: Floats, k: Floats) -> Callable[[int], Floats]:
         # upward recurrence J_n = 2 (n - 1) / z J_(n-1) - J_(n-2), stable where z > n
         values = (n - 1) / half * value(n - 1) - value(n - 2)
         # J_n(z) = (z/2)^n / n! (1 - q / (n+1) + q^2 / (2 (n+1) (n+2)) - ...), q = (z/2)^2
-        near = z < 0.5
-        q = half[near] ** 2
+        # the first term left out is below 2e-9
+        small = z < 0.5
+        q = half[small] ** 2
         series = 1.0 - q / (n + 1) * (1.0 - q / (2.0 * (n + 2)) * (1.0 - q / (3.0 * (n + 3))))
-        values[near] = half[near] ** n / math.factorial(n) * series
-        between = ~near & (z < n + 1)
+        values[small] = half[small] ** n / math.factorial(n) * series
+        between = ~small & (z < n + 1)
         values[between] = jv(n, z[between])
         return values
 
@@ -236,7 +247,8 @@ def _bessel_functions(distance: Floats, k: Floats) -> Callable[[int], Floats]:
     return products
 
 
-# Limits of integrals over whole spectra, over the peak's frequency.
+# Limits of integrals over whole spectra, over the peak's frequency: below the first no spectrum has
+# energy, beyond the second the tail omega^-5 adds some (1e6)^(n - 4) to a moment of order n < 3.
 _LOWEST = 0.05
 _HIGHEST = 1e6
 # Tuned: panels of Gauss-Legendre rules in ln(omega), and nodes of each.
@@ -281,7 +293,7 @@ def spectral_moment(
     --------
     >>> from meshtrace.surfaces import PiersonMoskowitz
     >>> m0 = spectral_moment(PiersonMoskowitz(wind_speed=10.0), 0)
-    >>> round(4 * m0**0.5 * 9.81 / 10.26**2, 4)  # 2 sqrt(0.0081 / 0.74)
+    >>> round(4 * m0**0.5 * 9.81 / 10.26**2, 4)  # Hs g / U_19.5^2 is 2 sqrt(0.0081 / 0.74)
     0.2092
     """
     omega, weights = _quadrature(spectrum, order, omega_min, omega_max)
@@ -502,9 +514,9 @@ def unresolved_slope_variance(target: Variances, resolved: Variances) -> Varianc
     >>> [round(v, 4) for v in unresolved_slope_variance(cox_munk(5.0), resolved)]
     [0.011, 0.011]
     """
-    targets, present = Range("target", 0.0, closed=True), Range("resolved", 0.0, closed=True)
+    of_sea, of_surface = Range("target", 0.0, closed=True), Range("resolved", 0.0, closed=True)
     along, across = (
-        max(0.0, targets.check(real) - present.check(meshed))
+        max(0.0, of_sea.check(real) - of_surface.check(meshed))
         for real, meshed in zip(target, resolved, strict=True)
     )
     return along, across
@@ -553,7 +565,7 @@ def elfouhaily_slope_variance(wind_speed: float, fetch: float | None = None) -> 
     top = float(angular_frequency(SHORTEST, capillary=True))
     omega, weights = _quadrature(spectrum, 4, 0.0, top)
     k = wavenumber(omega, capillary=True)
-    mss = weights * k**2 * spectrum(omega)
+    mss = weights * k**2 * spectrum(omega)  # of the waves of each node
     delta = elfouhaily_delta(k, wind_speed, spectrum.omega_p)
     return float(np.sum(mss * (0.5 + 0.25 * delta))), float(np.sum(mss * (0.5 - 0.25 * delta)))
 
@@ -614,6 +626,9 @@ def meshed_slope_variance(
     """
     h = Range("spacing", 0.0, unit="m").check(spacing)
     power = 0.5 * waves.amplitude**2
+    # The mean square of a function that is linear on a facet is ((sum c)^2 + sum c^2) / 12 over its
+    # values c at the corners; of a wave the mean of c_i c_j over all places is cos(k.d) / 2 for
+    # corners a vector d apart: h along x, h along y, and a diagonal.
     cx, cy = np.cos(waves.kx * h), np.cos(waves.ky * h)
     factor = 0.5 + (cx + cy + cx * cy) / 6.0
     vertex = _mean_squares(power * factor, waves.kx, waves.ky, wind_direction_deg)
@@ -632,9 +647,10 @@ def meshed_slope_variance(
 def _quadrature(
     spectrum: Spectrum, order: float, omega_min: float, omega_max: float | None
 ) -> tuple[Floats, Floats]:
-    """Return nodes omega and weights of int d(omega): Gauss-Legendre panels in ln(omega).
+    """Return nodes omega and weights of int d(omega), by Gauss-Legendre panels in ln(omega).
 
-    The peak is an edge of a panel. `order` is that of the moment, which may diverge.
+    The peak is an edge of a panel. A moment of an order that diverges without `omega_max` is
+    refused.
     """
     if omega_max is None and order >= 3:
         raise Refused("omega_max", None, f"a finite limit [rad/s] for order {order:g}")
@@ -654,6 +670,7 @@ def _quadrature(
     middle = np.concatenate([0.5 * (p[1:] + p[:-1]) for p in panels])[:, None]
     half = np.concatenate([0.5 * np.diff(p) for p in panels])[:, None]
     omega = np.exp(middle + half * nodes).ravel()
+    # d(omega) = omega d(ln omega)
     return omega, (half * weights).ravel() * omega
 
 
@@ -672,7 +689,7 @@ def _vertex_weights(mesh: TriangleMesh) -> Floats:
     u, v = b - a, c - a
     # twice the area, which cancels below
     area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-    # A third of each facet belongs to each of its corners.
+    # a third of each facet belongs to each of its corners
     corners = mesh.faces.ravel()
     around = np.bincount(corners, weights=np.repeat(area, 3), minlength=len(mesh.vertices))
     return around / area.sum() / 3.0

@@ -29,11 +29,12 @@ GRAVITY = 9.81
 CAPILLARY_WAVENUMBER = 370.0
 """Wavenumber k_m of the slowest wave [rad m-1] (Elfouhaily et al. 1997)."""
 
-# 7.17e-5 m3 s-2 is clean sea water near 20 deg C: 0.0735 N/m over 1026 kg/m3.
+# At the slowest wave gravity and tension balance, g k = T k^3. The result, 7.17e-5 m3 s-2, is clean
+# sea water near 20 deg C: 0.0735 N/m over 1026 kg/m3.
 KINEMATIC_TENSION = GRAVITY / CAPILLARY_WAVENUMBER**2
 """Surface tension over density T [m3 s-2]."""
 
-_NEWTON_STEPS = 60  # at most; far fewer are needed
+_NEWTON_STEPS = 60  # at most, so that the time is bounded; far fewer are needed
 
 
 @check_call
@@ -49,7 +50,7 @@ def angular_frequency(k: ArrayLike, depth: float | None = None, capillary: bool 
     depth : float, optional
         Water depth [m]; None is deep water, tanh = 1.
     capillary : bool
-        Add the surface tension T; it matters above some 30 rad/s.
+        Add the surface tension T; it matters above some 30 rad/s, where it adds 3 % to omega.
 
     Returns
     -------
@@ -108,12 +109,13 @@ def wavenumber(omega: ArrayLike, depth: float | None = None, capillary: bool = F
     """
     omega = finite_array("omega", omega, 0.0)
     depth = _checked(depth)
-    gravity_wave = omega**2 / GRAVITY
+    deep_water = omega**2 / GRAVITY  # wavenumber by gravity alone
     if depth is None and not capillary:
-        return gravity_wave
-    moving = gravity_wave > 0.0
-    target = omega[moving] ** 2
-    k = gravity_wave[moving]
+        return deep_water
+    # a wave of frequency 0 has wavenumber 0; Newton's method would divide 0 by 0
+    above_zero = deep_water > 0.0
+    target = omega[above_zero] ** 2
+    k = deep_water[above_zero]
     if capillary:
         # The roots for gravity alone and for tension alone both lie above the root. omega^2 is
         # convex in k, so that Newton's method descends to the root without overshooting.
@@ -126,7 +128,7 @@ def wavenumber(omega: ArrayLike, depth: float | None = None, capillary: bool = F
         squared, slope = _squared_frequency(k, depth, capillary)
         return (squared - target) / slope
 
-    result[moving] = _newton(k, step)
+    result[above_zero] = _newton(k, step)
     return result
 
 
@@ -169,7 +171,7 @@ def wavenumber_in_current(
     Notes
     -----
     Newton's method from the root of still water. In deep water an opposing current stops waves
-    beyond omega = -g / (4 U.k / k).
+    beyond omega = -g / (4 U.k / k), where the group speed over ground vanishes.
 
     Examples
     --------
@@ -182,7 +184,7 @@ def wavenumber_in_current(
     omega, theta, k = np.broadcast_arrays(finite_array("omega", omega, 0.0), theta, still)
     # component of the current along the wave [m s-1]
     along = current[0] * np.cos(theta) + current[1] * np.sin(theta)
-    tiny = np.finfo(float).tiny
+    tiny = np.finfo(float).tiny  # in place of 0, by which a wave of frequency 0 would be divided
 
     def step(k: Floats) -> Floats:
         squared, slope = _squared_frequency(k, depth, capillary)
@@ -236,7 +238,7 @@ def _checked(depth: float | None) -> float | None:
 def _squared_frequency(k: Floats, depth: float | None, capillary: bool) -> tuple[Floats, Floats]:
     """Return omega^2 [rad2 s-2] and its derivative by k [m s-2]."""
     tension = KINEMATIC_TENSION if capillary else 0.0
-    deep = (GRAVITY + tension * k**2) * k
+    deep = (GRAVITY + tension * k**2) * k  # g k + T k^3
     deep_slope = GRAVITY + 3.0 * tension * k**2
     if depth is None:
         return deep, deep_slope
@@ -257,20 +259,22 @@ def _newton(k: Floats, step: Callable[[Floats], Floats]) -> Floats:
 
 _BLOCK = 2**20  # numbers of a block in a direct sum: 8 MB of doubles, tuned to the cache
 _GRIDS_KEPT = 4  # last grids whose plans stay in memory
-_ROUNDING = 1e-14  # of a position, relative
+_ROUNDING = 1e-14  # of the position of equally spaced lines, relative to the farthest
 _MOST_CELLS = 5e7  # of an FFT: some GB
 # Error of a fast sum, see `WaveGrid`. Light by a mesh from such sums is within 1e-3 of the exact.
 _SUM_ERROR = 2e-7
 _UPSAMPLING = 1.25  # the least that finufft allows: fewer cells than by its default of 2
 
-# Lines of an FFT per half of the shortest wavelength, for interpolation between them.
-_DENSER = 1.25
-# The error of interpolation goes as exp(-_DECAY width) with the number of lines that it uses.
-_DECAY = math.pi * math.sqrt(1.0 - 1.0 / _DENSER)
+# Lines of an FFT per half of the shortest wavelength, for interpolation between them. It is the
+# upsampling factor sigma of the transform that interpolation undoes.
+_OVERSAMPLING = 1.25
+# The error of interpolation from w lines goes as exp(-pi w sqrt(1 - 1 / sigma)) (Barnett, Magland
+# and af Klinteberg 2019), that is exp(-_DECAY w).
+_DECAY = math.pi * math.sqrt(1.0 - 1.0 / _OVERSAMPLING)
 
 # Measured times [s] of one term of a direct sum, one cell of an FFT, one wave spread on the cells,
-# one value interpolated: they decide which sum is faster.
-_TERM, _FFT_CELL, _SPREAD, _BETWEEN = 0.7e-9, 20e-9, 110e-9, 20e-9
+# one value interpolated: they decide which sum is faster, and only their ratios matter.
+_TERM, _FFT_CELL, _SPREAD, _INTERPOLATED = 0.7e-9, 20e-9, 110e-9, 20e-9
 
 
 class WaveComponents(NamedTuple):
@@ -303,7 +307,7 @@ def flat_components(
     phase: Floats | float,
     current: tuple[float, float] | None = None,
 ) -> WaveComponents:
-    """Return tables over frequency and direction as plain arrays.
+    """Return the waves of a table over frequency and direction as flat arrays.
 
     Parameters
     ----------
@@ -322,7 +326,7 @@ def flat_components(
     return WaveComponents(*(np.ravel(a).copy() for a in (amplitude, omega, kx, ky, phase)))
 
 
-def _products(waves: WaveComponents, order: int) -> list[Floats]:
+def _monomials(waves: WaveComponents, order: int) -> list[Floats]:
     """Return the factors kx^i ky^j, i + j = order, of the derivatives of each wave, kx first."""
     return [waves.kx ** (order - j) * waves.ky**j for j in range(order + 1)]
 
@@ -331,7 +335,7 @@ def wave_weights(waves: WaveComponents, order: int, time: float) -> NDArray[np.c
     """Return weights for `WaveGrid.sum`: the derivatives of z of one order at a time [s]."""
     # z = Re sum amplitude exp(-i (kx x + ky y)), which each derivative multiplies by -i kx or -i ky
     amplitude = waves.amplitude * np.exp(1j * (waves.omega * time + waves.phase))
-    return np.stack([(-1j) ** order * factor * amplitude for factor in _products(waves, order)])
+    return np.stack([(-1j) ** order * factor * amplitude for factor in _monomials(waves, order)])
 
 
 def elevation_and_slopes(waves: WaveComponents, time: float) -> NDArray[np.complex128]:
@@ -357,16 +361,17 @@ def sum_waves(
     """
     x, y = points(x, y)
     px, py = x.reshape(-1, 1), y.reshape(-1, 1)
+    # derivatives of a cos(omega t - kx x - ky y): a kx sin(...), then -a kx kx cos(...)
     trigonometric = np.sin if order == 1 else np.cos
     amplitude = -waves.amplitude if order == 2 else waves.amplitude
-    weights = amplitude[:, None] * np.stack(_products(waves, order), axis=1)
-    at_origin = waves.omega * time + waves.phase
+    weights = amplitude[:, None] * np.stack(_monomials(waves, order), axis=1)
+    phase_at_origin = waves.omega * time + waves.phase
     sums = np.empty((len(px), order + 1))
     # blocks that fit the cache
-    step = max(1, _BLOCK // max(1, len(at_origin)))
+    step = max(1, _BLOCK // max(1, len(phase_at_origin)))
     for start in range(0, len(px), step):
         block = slice(start, start + step)
-        phase = at_origin - px[block] * waves.kx - py[block] * waves.ky
+        phase = phase_at_origin - px[block] * waves.kx - py[block] * waves.ky
         # Not a BLAS product, whose last digits change with its number of threads.
         sums[block] = np.einsum("pi,iw->pw", trigonometric(phase), weights)
     return [column.reshape(x.shape) for column in sums.T]
@@ -435,22 +440,22 @@ class WaveGrid:
         """Return the sums for several weights, shape (m, n), as an array (m, nx, ny)."""
         if not self._fast:
             return self._direct(weights)
-        size = np.sqrt(np.square(np.abs(weights)).sum(axis=1))
-        size[size == 0.0] = 1.0
-        # of size 1, since the error of a transform is shared by the two sums that it holds
-        scaled = weights * (self._factor / size[:, None])
+        norm = np.sqrt(np.square(np.abs(weights)).sum(axis=1))
+        norm[norm == 0.0] = 1.0
+        # of norm 1, since the error of a transform is shared by the two sums that it holds
+        scaled = weights * (self._factor / norm[:, None])
         sums = np.empty((len(weights), *map(len, self._axes)))
         paired = len(weights) // 2 * 2
         if paired:
             # A real sum is half the transform of the waves and, with conjugate weights, of their
             # mirror images: one complex transform holds two, as its real and imaginary part.
-            even, odd = 0.5 * scaled[:paired:2], 0.5j * scaled[1:paired:2]
-            pairs = np.concatenate([even + odd, even.conj() - odd.conj()], axis=1)
-            folded = self._transformed(pairs)
-            sums[:paired:2], sums[1:paired:2] = folded.real, folded.imag
+            real, imag = 0.5 * scaled[:paired:2], 0.5j * scaled[1:paired:2]
+            pairs = np.concatenate([real + imag, real.conj() - imag.conj()], axis=1)
+            transforms = self._transformed(pairs)
+            sums[:paired:2], sums[1:paired:2] = transforms.real, transforms.imag
         if paired < len(weights):
             sums[paired:] = self._transformed(scaled[paired:]).real
-        sums *= size[:, None, None]
+        sums *= norm[:, None, None]
         return sums
 
     @cached_property
@@ -462,7 +467,7 @@ class WaveGrid:
         return factor
 
     def _transformed(self, weights: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return transforms (m, nx, ny) of the waves, with mirror images if asked."""
+        """Return transforms (m, nx, ny) of the waves; weights of mirror images follow theirs."""
         # by a plan that no other thread uses
         idle = self._idle.setdefault(weights.shape, [])
         try:
@@ -474,13 +479,15 @@ class WaveGrid:
         idle.append(plan)
         if x.near is None:
             return sums
-        return np.stack([y.at(x.at(plane).T).T for plane in sums])
+        # one axis after the other, each turned to the front
+        return np.stack([y.interpolated(x.interpolated(plane).T).T for plane in sums])
 
     def _plan(self, transforms: int, sources: int) -> Any:
         import finufft
 
         numbers = tuple(lines.number for lines in self._lines)
-        # one thread, so that the digits do not depend on their number
+        # type 1: from waves anywhere to equally spaced lines; one thread, so that the digits do not
+        # depend on their number
         plan = finufft.Plan(
             1, numbers, n_trans=transforms, eps=self._error, isign=-1, nthreads=1,
             upsampfac=_UPSAMPLING,
@@ -516,7 +523,7 @@ class WaveGrid:
             return math.inf
         between = 0 if self._lines[0].near is None else len(self._axes[0]) * self._lines[1].number
         # a transform holds two sums; tuned: the 4 stands for the upsampled cells of finufft
-        return 0.5 * (4 * cells * _FFT_CELL + waves * _SPREAD) + between * _BETWEEN
+        return 0.5 * (4 * cells * _FFT_CELL + waves * _SPREAD) + between * _INTERPOLATED
 
 
 @cache
@@ -542,7 +549,7 @@ class _Lines(NamedTuple):
     Line j stands at middle + j h, h = `step`; x is measured from the middle:
 
     exp(-i k x) = sum_j phi(x / h - j) exp(-i k j h) / phi^(k h), up to aliases, phi^ the Fourier
-    transform of phi(u) = I_0(shape sqrt(1 - (2 u / width)^2)).
+    transform of phi(u) = I_0(beta sqrt(1 - (2 u / width)^2)), the kernel of Kaiser and Bessel.
     """
 
     middle: float  # [m], of line 0
@@ -563,35 +570,40 @@ class _Lines(NamedTuple):
         """Return grid lines dense enough for waves up to a wavenumber [rad m-1]."""
         middle = 0.5 * float(axis[0] + axis[-1])
         span = float(axis[-1] - axis[0]) or 1.0
-        # pi / k is half the shortest wavelength
-        step = min(math.pi / (_DENSER * max(k, 1e-300)), span)
+        # pi / k is half the shortest wavelength; 1e-300 for waves of infinite length
+        step = min(math.pi / (_OVERSAMPLING * max(k, 1e-300)), span)
         half = math.ceil(0.5 * span / step) + width
         # too many for a transform, whose cost is then infinite: the weights are not needed
         if half > _MOST_CELLS:
             return cls(middle, step, 2 * half + 1, width)
         position = (axis - middle) / step
+        # the `width` lines within half a width on either side
         near = np.ceil(position - 0.5 * width).astype(np.int64)[:, None] + np.arange(width)
         # 2 u / width of the kernel
-        off = (position[:, None] - near) / (0.5 * width)
-        phi = np.i0(cls.shape(width) * np.sqrt(np.maximum(1.0 - off**2, 0.0)))
+        offset = (position[:, None] - near) / (0.5 * width)
+        phi = np.i0(cls.beta(width) * np.sqrt(np.maximum(1.0 - offset**2, 0.0)))
         lines, weights = np.ascontiguousarray(near.T) + half, np.ascontiguousarray(phi.T)
         return cls(middle, step, 2 * half + 1, width, (lines, weights))
 
     @staticmethod
-    def shape(width: int) -> float:
-        """Return the shape parameter of a kernel for the density `_DENSER`."""
-        return math.pi * width * (1.0 - 0.5 / _DENSER)
+    def beta(width: int) -> float:
+        """Return the parameter beta of a Kaiser-Bessel kernel for the density `_OVERSAMPLING`.
+
+        beta = pi w (1 - 1 / (2 sigma)) puts the edge of its transform at the first alias of the
+        shortest wave.
+        """
+        return math.pi * width * (1.0 - 0.5 / _OVERSAMPLING)
 
     def transfer(self, k: Floats) -> Floats:
         """Return phi^(k h), 1 without interpolation."""
         if not self.width:
             return np.ones_like(k)
-        # the transform of the Kaiser-Bessel kernel
-        s = np.sqrt(self.shape(self.width) ** 2 - (0.5 * self.width * self.step * k) ** 2)
+        # int phi(u) exp(-i k h u) du = w sinh(s) / s, s^2 = beta^2 - (w k h / 2)^2
+        s = np.sqrt(self.beta(self.width) ** 2 - (0.5 * self.width * self.step * k) ** 2)
         return self.width * np.sinh(s) / s
 
-    def at(self, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return values (lines of the axis, ...) from those on these lines."""
+    def interpolated(self, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return values on the lines of the axis, shape (nx, n), from those on these lines."""
         # real and imaginary parts side by side: real products are half the work
         parts = np.ascontiguousarray(values).view(float)
         assert self.near is not None
@@ -614,6 +626,7 @@ def grid_store() -> Callable[..., WaveGrid]:
 
     @lru_cache(maxsize=_GRIDS_KEPT)
     def planned(*arrays: bytes) -> WaveGrid:
+        # bytes, as a cache needs keys that do not change: 8 for each number
         kx, ky, x_axis, y_axis = (np.ndarray(len(a) // 8, buffer=a) for a in arrays)
         return WaveGrid(kx, ky, x_axis, y_axis)
 

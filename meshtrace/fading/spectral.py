@@ -26,7 +26,7 @@ from meshtrace.mesh import PlaneSurface, require_surface
 from meshtrace.models import Floats, Model
 from meshtrace.quadrature import gauss_legendre
 
-_DISTANCES = 130  # nodes of R, about; tuned: error against time
+_DISTANCES = 130  # nodes of R, about, in equal ratios; tuned: error against time
 _AZIMUTHS = 24  # Gauss nodes in a quadrant; tuned: error against time
 # variances of the Gaussians in `_disk_mixture`, over the squared radius of the disk; tuned: its fit
 _DISK_WIDTHS = np.geomspace(0.02, 0.5, 8)
@@ -37,7 +37,7 @@ class Lever(NamedTuple):
 
     beta: float  # [m], displacement of the landing point per slope, projected onto the surface
     aperture: float  # [m], radius of the aperture, projected onto the surface
-    height: float  # [m-1], q: relative change of the gain per metre of height of the crossing
+    q: float  # [m-1], relative change of the gain per metre of height of the crossing
 
 
 @check_call
@@ -204,6 +204,7 @@ def paraxial_lever(link: Any) -> Lever:
     if tuple(source.position) != tuple(receiver.position):
         allowed = f"that of the source, {source.position}"
         raise Refused("receiver.position", receiver.position, allowed)
+    # sources in the air have a tilt, those in the water a zenith angle
     leans = "tilt_deg" if down else "zenith_deg"
     tilts = {f"transmitter.{leans}": getattr(source, leans), "receiver.tilt_deg": receiver.tilt_deg}
     for name, tilt in tilts.items():
@@ -211,20 +212,22 @@ def paraxial_lever(link: Any) -> Lever:
             raise Refused(name, tilt, "0: the closed form is paraxial")
     n = link.water.n / link.n_air
     d, h = (receiver.depth, source.height) if down else (source.depth, receiver.height)
-    height = -link.water.c + 2.0 * (n - 1.0) / (d + n * h)
+    # at a crest d grows and h shrinks by its height; the gain goes as exp(-c d) / (d + n h)^2
+    q = -link.water.c + 2.0 * (n - 1.0) / (d + n * h)
     # Paraxial rays pass a height h in air as n h of water: the path from the source to the surface,
     # over the whole path d + n h, scales the aperture projected onto the surface.
     to_surface = n * h if down else d
     beta = (n - 1.0) * h * d / (d + n * h)
-    return Lever(beta, receiver.radius * to_surface / (d + n * h), height)
+    return Lever(beta, receiver.radius * to_surface / (d + n * h), q)
 
 
 def slopes_seen(
     link: Any, surface: Any, omega_max: float | None, tilts: bool = True
 ) -> tuple[Lever, Any, tuple[float, float]]:
-    """Return geometry, slope spectrum, and slope variances (along, across) of waves beyond a band.
+    """Return the geometry, the slope spectrum, and the slope variances of waves beyond a band.
 
-    Refuse a field of view too narrow for light that these slopes deflect.
+    Variances are those along and across the wind. Refuse a field of view too narrow for light that
+    the slopes deflect.
     """
     require_spectrum(surface)
     lever, spectrum = paraxial_lever(link), surface.slope_spectrum(omega_max)
@@ -260,8 +263,10 @@ def _covariance(
     that of independent crossings, see `scintillation_of_spectrum`.
     """
     variance = np.array(spectrum.along_and_across)
+    # width of the density of the landing points, projected onto the surface
     scale = math.sqrt(lever.beta**2 * (variance.max() + max(missing)) + lever.aperture**2)
-    low = 1e-4 * min(scale, lever.aperture)  # the disk within is left out
+    # the disk within is left out: both densities hardly vary over it, so that its share is 1e-8
+    low = 1e-4 * min(scale, lever.aperture)
     # both densities have vanished beyond 25 of their widths
     distance = spectrum.distances(low, 25.0 * scale, _DISTANCES)
     nodes, weights = gauss_legendre(_AZIMUTHS)
@@ -274,10 +279,11 @@ def _covariance(
     )
     # Gauss weights over a quadrant (factor pi / 4), times the number of alike parts of the circle
     weight = np.tile(weights, repeat) * 0.25 * math.pi * 2.0 * math.pi / span
-    covariance = spectrum.covariance(distance, azimuth, lags)  # xx, yy, xy of (nt, nr, np)
-    far = 2.0 * (variance + np.array(missing))  # D_xx and D_yy of independent crossings
-    # D = 2 (C(0) - C(R)); slopes beyond the band are independent
-    # at two crossings, so that they are part of C(0) alone
+    # xx, yy, xy at lags, distances and azimuths, (3, nt, nr, np)
+    covariance = spectrum.covariance(distance, azimuth, lags)
+    # D = 2 (C(0) - C(R)), of independent crossings 2 C(0); D_xy is 0 there, as x is along the wind.
+    # Slopes beyond the band are independent at two crossings: they are part of C(0) alone.
+    far = 2.0 * (variance + np.array(missing))
     near = [far[0] - 2.0 * covariance[0], far[1] - 2.0 * covariance[1], -2.0 * covariance[2]]
     place = distance[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)])[:, None]
     elevation = spectrum.elevation(distance, azimuth, lags) if heights else None
@@ -309,12 +315,12 @@ def excess_density(
     if elevation is not None:
         # R + 2 beta q grad rho, and exp(q^2 rho)
         rho, rho_x, rho_y = elevation
-        shift = 2.0 * lever.beta * lever.height
+        shift = 2.0 * lever.beta * lever.q
         moved_x, moved_y = x + shift * rho_x, y + shift * rho_y
-        weight_of_pair = np.exp(lever.height**2 * rho)
-    b2, share, width = lever.beta**2, *_disk_mixture()
+        weight_of_pair = np.exp(lever.q**2 * rho)
+    b2, weights, variances = lever.beta**2, *_disk_mixture()
     excess = np.zeros(near[0].shape)
-    for w, v in zip(share, width * lever.aperture**2, strict=True):
+    for w, v in zip(weights, variances * lever.aperture**2, strict=True):
         pair_variances = b2 * near[0] + v, b2 * near[1] + v, b2 * near[2]
         pair = weight_of_pair * _normal_density(moved_x, moved_y, *pair_variances)
         independent = _normal_density(x, y, b2 * far[0] + v, b2 * far[1] + v, 0.0)
@@ -325,6 +331,7 @@ def excess_density(
 def _normal_density(x: Floats, y: Floats, xx: Any, yy: Any, xy: Any) -> Floats:
     """Return the density at (x, y) of a normal law of mean 0 and the covariance (xx, yy, xy)."""
     det = np.maximum(xx * yy - xy * xy, 1e-300)  # rounding may leave it at 0 or below
+    # r V^-1 r with the inverse of the covariance V
     form = (yy * x**2 - 2.0 * xy * x * y + xx * y**2) / det
     return np.exp(-0.5 * form) / (2.0 * math.pi * np.sqrt(det))
 
@@ -364,7 +371,8 @@ FADING = "fading"
 _START = 3.5  # k_max times the blur where the search begins; tuned: steps to the band
 _STEP = 2.0**0.5  # factor between the frequencies that bracket the band
 _FINEST = 2.0 ** (1.0 / 32)  # factor between the ends of the bracket when the search ends: 2 %
-_HIGHEST_OF_MESH = 128.0  # rad/s: waves of 1.2 cm, for which a mesh of 10 m has some 10^7 facets
+# [rad s-1]: waves of 1.2 cm, for which a mesh of 10 m has some 10^7 facets
+_HIGHEST_OF_MESH = 128.0
 
 
 @check_methods
@@ -477,6 +485,7 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
     def resolved(omega: float) -> bool:
         return abs(scintillation_of_spectrum(link, surface, omega) - target) <= within * target
 
+    # the first guess: waves that the blur of Notes leaves visible
     lever, slopes = paraxial_lever(link), surface.slope_spectrum()
     highest = float(slopes.omega[-1])  # capillary waves included, which small apertures resolve
     beyond = np.cumsum(slopes.variance[::-1])[::-1]  # slope variance of waves from each k on
@@ -485,18 +494,22 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
     high = float(slopes.omega[visible[0]]) if len(visible) else highest
     while not resolved(high):
         if high >= highest:
+            # where `mss` differs from the slopes of the spectrum, even all waves with the tilts it
+            # adds miss the target
             law = f'mss = "{surface.mss}", which no band follows'
             reason = Described(f'"{FADING}" with {law} with spreading "{surface.spreading.kind}"')
             allowed = 'others, or Elfouhaily\'s spectrum with spreading and mss = "elfouhaily"'
             raise Refused("waves", reason, allowed)
         high = min(high * _STEP, highest)
-    # the first guess may be wider than needed: go down until a band is too narrow
+    # The first guess may be wider than needed: go down until a band is too narrow, which one
+    # without waves is, over which light does not fade.
     low = high / _STEP
     while resolved(low):
         low, high = low / _STEP, low
     while high > low * _FINEST:
         middle = math.sqrt(low * high)
         low, high = (low, middle) if resolved(middle) else (middle, high)
+    # four digits, as texts show it, are more than the search resolves
     return float(f"{high:.4g}")
 
 
@@ -562,7 +575,7 @@ def open_for_fading(link: Any, surface: Any) -> Any:
             opened = getattr(surface, "for_fading", None)
             return surface if opened is None else _resolved(link, opened, within)
         except Refused as error:
-            reason = str(error)
+            reason = str(error)  # of the wider tolerance, which is the last word
     warnings.warn(f"the fading of short waves is left out: {reason}", stacklevel=3)
     return surface
 
@@ -620,6 +633,7 @@ def _on_axis(link: Any) -> Any:
     """
     if not (link.transmitters and link.receivers):
         raise Refused("receiver", link.receiver, "one receiver")
+    # values that a link on its axis has, of the fields that an end has
     straight = {
         "position": (0.0, 0.0), "tilt_deg": 0.0, "zenith_deg": 0.0, "fov_deg": 180.0, "pixels": 1,
     }  # fmt: skip
@@ -636,11 +650,13 @@ _bands: dict[tuple[Any, ...], float] = {}
 
 def _cached_band(link: Any, surface: Any, within: float = WITHIN) -> float:
     """Return `fading_band`, searched once for the same geometry and sea."""
+    # all that the search depends on: besides the lever the place and the view of the receiver, by
+    # which a footprint wider than the view is refused
     lever, receiver = paraxial_lever(link), link.receivers[0]
     # seas that differ in their seed alone have the same spectrum
     config = {key: value for key, value in surface.to_config().items() if key != "seed"}
-    place = receiver.fov_deg, abs(receiver.center[2])
-    key = (lever, *place, within, json.dumps(config, sort_keys=True))
+    view = receiver.fov_deg, abs(receiver.center[2])
+    key = (lever, *view, within, json.dumps(config, sort_keys=True))
     if key not in _bands:
         _bands[key] = fading_band(link, surface, within)
     return _bands[key]

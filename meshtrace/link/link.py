@@ -23,14 +23,20 @@ from meshtrace.models import FamilyField, FamilyFields, Floats, Model, Position,
 from meshtrace.optics.bubbles import BubblePopulation, HallNovarini
 from meshtrace.optics.water import Water
 
-_TYPICAL = 16.0  # depth plus height of links whose unit of length is the metre [m]
-_SMALL = 8.0  # meshes are scaled down for links of a unit below 1 m over this number
+# Depth plus height of links whose unit of length is the metre [m]; `Link()` has 15 m.
+_TYPICAL = 16.0
+# Lengths of a mesh are in proportion to the unit of the link where that is below 1 m over this
+# number, for depth plus height of some 2 m: such links need less than metres.
+_SMALL = 8.0
 _ASIDE = 20.0  # a mesh centred on the origin is fine up to receivers this far aside [m]
-_MOST_CELLS = 160  # of the fine part of the mesh of a link on one side, over its half-width
+_MOST_CELLS = 160  # over the half-width of the fine part, in links with both ends on one side
 _NEAR = 64.0  # links keep the origin (0, 0) up to this distance from it, over depth plus height
-_LEAST_DISTANCE = 1e-3  # of a source or receiver from still water [m]
-_LEAST_SHARE = 0.1  # the same over the distance of the farthest end, for links of a few millimetres
-_SHORTEST = 1e-9  # the same of any link [m]: rays have no meaning below the wavelength
+# Least distance of a source or receiver from still water: usually [m]; over the distance of the
+# farthest end, for links of a few millimetres; and of any link [m]: rays have no meaning below the
+# wavelength.
+_LEAST_DISTANCE = 1e-3
+_LEAST_SHARE = 0.1
+_SHORTEST = 1e-9
 # fields of kind, place and axis, which an end leaves behind when it changes places, see `_moved`
 _PLACED = {"kind", "position", "depth", "height"}
 _PLACED |= {"zenith_deg", "azimuth_deg", "tilt_deg", "tilt_azimuth_deg"}
@@ -43,7 +49,10 @@ SAME_SIDE = "under", "over"
 """Directions of links whose ends lie in one medium, with the surface as a mirror."""
 
 FEW_METRES = 10.0
-"""Depth [m] from which light comes back to the air, if there is no bottom above it."""
+"""Depth [m] from which light comes back to the air, if there is no bottom above it.
+
+Absorption by the water of `Link()`, 0.114 m-1, leaves a tenth of it on the way down and up.
+"""
 
 
 class Footprint(NamedTuple):
@@ -227,8 +236,10 @@ class Link(Model, frozen=True):
         into_air = {isinstance(r, Receiver) for r in self.receivers}
         if len(from_water) > 1 or len(into_air) > 1:
             return "mixed"
-        # planes alone, without a receiver, count light in the water
-        (water,), air = from_water, into_air.pop() if into_air else from_water == {True}
+        # planes alone, without a receiver, count light in the water: a link from there is "up", one
+        # from the air "down"
+        (water,) = from_water
+        air = into_air.pop() if into_air else water
         if water:
             return "up" if air else "under"
         # sun and sky have no place in the air
@@ -428,14 +439,18 @@ class Link(Model, frozen=True):
         low = [
             item.depth for _, item in self.items() if isinstance(item, WaterSource | WaterReceiver)
         ]
+        # 1 m where there is no such end, as under sun and sky
         height, depth = max(high, default=1.0), max(low, default=1.0)
         radius = max((r.radius for r in self.receivers), default=0.0)
         n = self.water.n / self.n_air
         beta = (n - 1.0) * height * depth / (depth + n * height)
+        # beta for h = inf: parallel light of sun and sky
         skies = [t for t in self.transmitters if isinstance(t, AirSource)]
         under_sky = [-r.center[2] for r in self.receivers if skies and not isinstance(r, Receiver)]
         beta = max(beta, (n - 1.0) / n * max(under_sky, default=0.0))
-        steepest = 2.5  # slope of the waves up to which crossings lie in the fine part
+        # slope of the waves up to which crossings lie in the fine part: 12 standard deviations of
+        # slopes along a wind of 13 m/s (`surfaces.cox_munk`)
+        steepest = 2.5
         if self.direction in SAME_SIDE:
             # a slope of 1 turns reflected light by a right angle
             beta, steepest = max(crossing.lever for crossing in self.crossings()), 1.0
@@ -446,15 +461,17 @@ class Link(Model, frozen=True):
             edges = [np.ptp([center, t.position], 0).max() + t.half_width for t in skies]
             fine = min(fine, float(max(edges)))
         fine = max(fine, scale)
-        # at most ten depths aside, where a ray from the lamp is 84 degrees off the vertical
+        # at most ten depths aside, where a ray from the lamp is 84 degrees off the vertical; 50 m
+        # for links in the air alone, which have no depth
         reach = 10.0 * depth if low else 50.0
         if self.water.a > 0.0:
             clear = 6.0 / self.water.a
-            # sqrt((depth + clear)^2 - depth^2), in a form whose squares do not overflow
+            # a ray of the length depth + clear: sqrt((depth + clear)^2 - depth^2) aside, in a form
+            # whose squares do not overflow
             reach = min(reach, math.sqrt(clear) * math.sqrt(2.0 * depth + clear))
-        width = max(
-            (t.half_width for t in self.transmitters if hasattr(t, "half_width")), default=0
-        )
+        width = max(getattr(t, "half_width", 0.0) for t in self.transmitters)
+        # the margin of the fine part about all ends, not only those that it covers, and the reach
+        # of slanted rays, at least 5 m
         extent = fine - half_fine + half_ends + max(reach, 5.0 * scale) + width
         # a lamp high in the air is reflected over hectares: facets of the fine part are limited
         spacing = 0.1 * scale
@@ -530,10 +547,11 @@ class Link(Model, frozen=True):
                 place = _crossing(low_end.position, high_end.position, depth, height, n)
                 # Fermat's principle over a slope s in the plane of the ray moves the crossing by
                 # dx/ds = (n cos i - cos t) / (n cos^3 i / depth + cos^3 t / height)
-                low = depth / math.hypot(depth, math.dist(place, low_end.position))
-                high = height / math.hypot(height, math.dist(place, high_end.position))
-                slant = (depth + n * height) / (depth * high**3 + n * height * low**3)
-                lever = (n * low - high) * height * share * slant
+                # with i in the water and t in the air; `slant` is 1 for vertical light
+                cos_i = depth / math.hypot(depth, math.dist(place, low_end.position))
+                cos_t = height / math.hypot(height, math.dist(place, high_end.position))
+                slant = (depth + n * height) / (depth * cos_t**3 + n * height * cos_i**3)
+                lever = (n * cos_i - cos_t) * height * share * slant
                 seen = r.radius * (share if r is high_end else 1.0 - share)
                 crossings.append(Crossing(place, lever, seen))
         return crossings
@@ -549,6 +567,7 @@ class Link(Model, frozen=True):
         spots = [spot_radius(t) for t in self.transmitters]
         if self.direction == "under":
             return max(spots)
+        # 1.5 rad, 86 degrees: tan has its pole at 90
         seen = [
             abs(r.center[2]) * math.tan(min(math.radians(r.fov_deg) / 2.0, 1.5))
             for r in self.receivers
@@ -565,11 +584,11 @@ class Link(Model, frozen=True):
         middle = np.array(self.origin)
         # without a crossing the middle is that of the ends
         crossings = np.array([crossing.place for crossing in self.crossings()] or places)
-        far = float(np.abs(places - middle).max())
+        farthest = float(np.abs(places - middle).max())
         # daylight alone crosses farther aside than all ends, and beams in the air that look aside
         spots = crossings if self.direction == "over" else places
-        if max(far, float(np.abs(spots - middle).max())) <= most:
-            return (float(middle[0]), float(middle[1])), far, far
+        if max(farthest, float(np.abs(spots - middle).max())) <= most:
+            return (float(middle[0]), float(middle[1])), farthest, farthest
         middle = 0.5 * (crossings.min(axis=0) + crossings.max(axis=0))
         half = float(np.abs(crossings - middle).max())
         return (float(middle[0]), float(middle[1])), half, float(np.abs(places - middle).max())
@@ -581,11 +600,12 @@ def _mirror_crossing(t: Source, r: Aperture) -> Crossing:
     Of a beam in the air that does not light this place, return the middle of its spot.
     """
     height, other = abs(t.center[2]), abs(r.center[2])
-    # straight lines to the mirror image: similar triangles
+    # straight line to the mirror image of the aperture: similar triangles
     share = height / (height + other)
     a, b = np.array(t.position, float), np.array(r.position, float)
     tangent = math.dist(a, b) / (height + other)
-    # a slope s turns the light by 2 s, which both distances share like conductances
+    # A slope s turns the light by 2 s. A displacement x of the crossing turns the ray to an end at
+    # the distance h from the mirror by x cos^2 theta / h: 2 s = x cos^2 theta (1 / h + 1 / h').
     lever = 2.0 * height * other / (height + other) * (1.0 + tangent**2)
     place, radius = a + share * (b - a), spot_radius(t)
     if isinstance(t, AirLamp) and radius < math.inf and t.axis[2] < 0.0:
@@ -600,13 +620,16 @@ def spot_radius(t: Source) -> float:
     divergence = getattr(t, "divergence_deg", None)
     if divergence is None:
         return math.inf
-    # a Gaussian beam has e^-12 of its intensity at 2.5 times its half-angle
-    steepest = math.acos(min(abs(t.axis[2]), 1.0)) + 2.5 * math.radians(divergence)
-    if steepest >= 1.5:
+    # a Gaussian beam, exp(-2 (theta / divergence)^2), has e^-12 of its intensity at 2.5 times its
+    # half-angle
+    flattest = math.acos(min(abs(t.axis[2]), 1.0)) + 2.5 * math.radians(divergence)  # [rad]
+    # from 86 degrees off the vertical on the spot has hardly an end
+    if flattest >= 1.5:
         return math.inf
     height = abs(t.center[2])
-    # in the plane of incidence the spot reaches farthest on the side of flatter light
-    aside = height * (math.tan(steepest) - math.sqrt(1.0 / t.axis[2] ** 2 - 1.0))
+    # in the plane of incidence the spot reaches farthest on the side of flatter light: tan of that
+    # angle less tan of the axis, sqrt(1 / cos^2 - 1)
+    aside = height * (math.tan(flattest) - math.sqrt(1.0 / t.axis[2] ** 2 - 1.0))
     return 2.5 * t.size / abs(t.axis[2]) + aside
 
 
@@ -616,20 +639,20 @@ def _power_of_two(size: float) -> float:
 
 
 def _moved(kind: type[Any], end: Any, place: Any) -> Any:
-    """Return an end of `kind` at `place`, with the pattern, power and wavelength of `end`.
+    """Return an end of `kind` at the position, level and axis of the end `place`.
 
-    Position, level and axis are those of `place`.
+    Pattern, power and wavelength are those of `end`.
     """
     # fields that were not set take the defaults of the new kind
     fields = {name: getattr(end, name) for name in end.model_fields_set if name not in _PLACED}
     level = "depth" if hasattr(place, "depth") else "height"
     fields |= {"position": place.position, level: getattr(place, level)}
-    angles = zip(_axis(kind), _axis(type(place)), strict=True)
+    angles = zip(_angle_names(kind), _angle_names(type(place)), strict=True)
     return kind.model_validate(fields | {new: getattr(place, old) for new, old in angles})
 
 
-def _axis(kind: type[Any]) -> tuple[str, str]:
-    """Return the names of the two axis angles of a kind of end."""
+def _angle_names(kind: type[Any]) -> tuple[str, str]:
+    """Return the names of the polar and the azimuthal angle of the axis of a kind of end."""
     water = issubclass(kind, WaterSource)
     return ("zenith_deg", "azimuth_deg") if water else ("tilt_deg", "tilt_azimuth_deg")
 

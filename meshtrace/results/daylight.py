@@ -102,7 +102,7 @@ class Background(Stored, kind="background", title="meshtrace background light"):
         if self.pixel_radiance is None or self.pixel_radiance_stderr is None:
             return self
         value, error = self.pixel_radiance[i, j], self.pixel_radiance_stderr[i, j]
-        # shares of a sum: its parts are not kept by pixel
+        # parts are not stored by pixel: each gets the share that the pixel has of their sum
         share = value / max(self.radiance, 1e-300)
         return replace(
             self, part_radiance=share * self.part_radiance, radiance=float(value),
@@ -158,10 +158,11 @@ class Background(Stored, kind="background", title="meshtrace background light"):
         Notes
         -----
         G = min(A_lens n_med^2 pi sin^2 psi, pi A_det n_c^2) / n_med^2 with the areas of lens and
-        detector and the refractive indices of the medium in front of the lens and of the
-        concentrator. Behind an etendue-limited lens (the second term) a narrower field of view
-        does not reduce the background. The product P_b takes the spectrum as flat over the
-        filter: `Daylight.clear_sky(width_nm=...)` has the mean over a wide band.
+        detector, the half-angle psi of the field of view, and the refractive indices of the medium
+        in front of the lens and of the concentrator. Behind an etendue-limited lens (the second
+        term) a narrower field of view does not reduce the background. The product P_b takes the
+        spectrum as flat over the filter: `Daylight.clear_sky(width_nm=...)` has the mean over
+        a wide band.
 
         Raises
         ------
@@ -315,17 +316,21 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
     def pdf(self, edges: ArrayLike) -> Floats:
         """Return the probability density of E / mean in bins between edges, shape (depths, bins).
 
-        It integrates to 1 over the bins, and is 0 at a depth without values in them.
+        E is the irradiance, mean its mean over time at a depth. The density
+        integrates to 1 over the bins, and is 0 at a depth without values in them.
         """
         edges = require_finite(edges, "edges", "increasing numbers, two or more")
         width = np.diff(edges)
         if not width.size or not (width > 0.0).all():
             raise Refused("edges", edges, "increasing numbers, two or more")
+        # over the number of values in the bins, and not of all; 1 in place of 0 where there is none
         counts = [np.histogram(ratio, edges)[0] for ratio in (self.irradiance / self.mean).T]
         return np.stack([n / width / max(n.sum(), 1) for n in counts])
 
     def flashes(self, thresholds: ArrayLike = THRESHOLDS) -> Flashes:
-        """Return rate and mean duration of flashes E > k mean, for equally spaced times.
+        """Return the rate and mean duration of flashes, for equally spaced times.
+
+        A flash is an interval in which the irradiance E exceeds k times its mean over time.
 
         Parameters
         ----------
@@ -358,8 +363,8 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
     def spectrum(self) -> tuple[Floats, Floats]:
         """Return frequencies (n,) [Hz] and the one-sided power density of E / mean [Hz-1].
 
-        The density has the shape (depths, n). Welch's method with seven segments, for equally
-        spaced times.
+        E is the irradiance, mean its mean over time at a depth. The density has
+        the shape (depths, n). Welch's method with seven segments, for equally spaced times.
         """
         from scipy.signal import welch
 
@@ -372,7 +377,8 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
     def wavelengths(self) -> tuple[Floats, Floats]:
         """Return wavenumbers (n,) [rad m-1] and the power density of the pattern along x.
 
-        One-sided density of E / mean [m rad-1], shape (depths, n), averaged over all y and times.
+        One-sided density [m rad-1] of the pattern over its mean at a depth, shape (depths, n),
+        averaged over all y and times.
 
         Raises
         ------
@@ -384,9 +390,10 @@ class IrradianceSeries(Stored, kind="irradiance-series", title="meshtrace irradi
         from scipy.signal import periodogram
 
         step = float(self.x[1] - self.x[0])
+        # the window of Hann: a patch is not periodic, and its edges would add power to all waves
         relative = self.pattern / self.pattern.mean(axis=(0, 2, 3), keepdims=True) - 1.0
         cycles, density = periodogram(relative, 1.0 / step, "hann", axis=2)
-        # S(k) dk = S(1 / lambda) d(1 / lambda) with k = 2 pi / lambda
+        # from cycles to radians: S(k) dk = S(1 / lambda) d(1 / lambda) with k = 2 pi / lambda
         return 2.0 * np.pi * cycles, density.mean(axis=(0, 3)) / (2.0 * np.pi)
 
     def _step(self) -> float:

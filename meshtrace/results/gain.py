@@ -164,8 +164,8 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
         Gain by lamp and receiver over the power of all lamps, and its standard error; sums over
         the lamps are the gain.
     gain_by_lamp_groups : ndarray, shape (transmitters, receivers, 32), or None
-        The same by independent group of samples. All pairs have the same samples: their errors
-        have the covariance of these estimates, over 32.
+        The same by independent group of samples, see `stored.SHIFTS`. All pairs have the same
+        samples: their errors have the covariance of these estimates over groups, divided by 32.
     gain_by_pixel, gain_by_pixel_stderr : ndarray, shape (receivers, pixels, pixels), or None
         Gain of each pixel (i, j) of receivers that have them, and its standard error; sums over
         the pixels are the gain. Directions of unscattered light are those to facets: an edge
@@ -264,8 +264,8 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
 
     def _dark(self, bound: float) -> str:
         """Return the upper bound of a gain of 0 as text."""
-        # that none of n analog photons arrived is a measurement; that no chain connects lamp and
-        # receiver is not, since only a few of all possible paths were tried
+        # That none of n analog photons arrived is a measurement. That no chain connects lamp and
+        # receiver is none, since only a few of all possible paths were tried.
         if self.fates:
             return f"dark to below {bound:.2g}"
         return f"not found with {self._samples}, below {bound:.2g}"
@@ -336,8 +336,9 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
                 text = f"{mesh_error:.1e}  ({100.0 * mesh_error / gain:.2g} %)"
                 lines.append(_line("error of the mesh", text))
             if self.gain_part is not None:
-                named = ((name, np.atleast_1d(part)[i]) for name, part in self.gain_parts.items())
-                lines.append(_line("", ", ".join(f"{n} {part:.4e}" for n, part in named if part)))
+                # the parts of receiver i, without those that this link does not have
+                of_part = {k: np.atleast_1d(part)[i] for k, part in self.gain_parts.items()}
+                lines.append(_line("", ", ".join(f"{k} {g:.4e}" for k, g in of_part.items() if g)))
             elif self.gain_ballistic is not None:
                 scattered = 100.0 * (1.0 - ballistic / gain)
                 text = f"{ballistic:.4e} unscattered; scattered {scattered:.1f} %"
@@ -345,8 +346,8 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
                     text += f", of which reflected first {100.0 * reflected / gain:.2g} %"
                 lines.append(_line("", text))
             if self.gain_by_lamp is not None and self.gain_by_lamp_stderr is not None:
-                pairs = zip(self.gain_by_lamp[:, i], self.gain_by_lamp_stderr[:, i], strict=True)
-                lines.append(_line("by lamp", ", ".join(f"{g:.4e} +- {s:.1e}" for g, s in pairs)))
+                lamps = zip(self.gain_by_lamp[:, i], self.gain_by_lamp_stderr[:, i], strict=True)
+                lines.append(_line("by lamp", ", ".join(f"{g:.4e} +- {s:.1e}" for g, s in lamps)))
             if self.scattered:
                 estimator, samples, scored, effective = self.scattered[i]
                 # a share: `samples` below has their number
@@ -382,7 +383,7 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
         result = super()._restored(data, provenance, {"fates": fates})
         if not data.attrs["scalar"]:
             return result
-        # files store an array (1,) of receivers for a link with a single one, too
+        # a link whose `receiver` is no list: its numbers, too, are arrays (1,) in files
         numbers: dict[str, Any] = {}
         for name in (item.name for item in fields(result)):
             array = getattr(result, name)
@@ -470,8 +471,9 @@ def merge(results: Sequence[GainResult]) -> GainResult:
         if tallies[0] is not None:
             means[name] = tallies[0].merged(tallies, run_photons)
     if first.gain_by_lamp_groups is not None:
-        each = zip(results, run_photons / total, strict=True)
-        means["gain_by_lamp_groups"] = sum(k * r.gain_by_lamp_groups for r, k in each)
+        # groups are photon ids modulo 32, the same ones in all runs: each is a mean like the gain
+        shares = zip(results, run_photons / total, strict=True)
+        means["gain_by_lamp_groups"] = sum(share * r.gain_by_lamp_groups for r, share in shares)
     fates = {}
     for name in first.fates:
         photons = sum(r.fates[name].photons for r in results)

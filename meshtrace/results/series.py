@@ -124,7 +124,7 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
         return self.coordinate
 
     def _channels(self) -> tuple[list[str], Floats]:
-        """Return the names of receivers or, of several lamps, of pairs, and their gains."""
+        """Return the names and the gains of the channels, as `correlation` defines them."""
         n, receivers = self.gains.shape
         if self.gain_by_lamp is None or self.gain_by_lamp.shape[1] == 1:
             return [f"receiver {r}" for r in range(receivers)], self.gains
@@ -140,7 +140,7 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
         """
         gains = self._channels()[1]
         with np.errstate(divide="ignore", invalid="ignore"):
-            # a single surface has no fading either
+            # without fading, as of a single surface, 0 / 0 is nan
             scaled = (gains - gains.mean(axis=0)) / gains.std(axis=0)
             return np.asarray(scaled.T @ scaled / len(scaled))
 
@@ -167,7 +167,7 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
         pairs = []
         for i, j in combinations(range(len(names)), 2):
             apart = math.nan
-            # pairs of lamp and receiver have no one distance
+            # two pairs of lamp and receiver have no single distance
             if len(places) == len(names) and None not in (places[i], places[j]):
                 apart = math.dist(places[i], places[j])
             value, error = float(rho[i, j]), float(stderr[i, j])
@@ -261,6 +261,7 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
     def _check(self) -> None:
         # `mean_stderr` is an attribute: the check of `Stored` covers the sizes of variables alone
         stderrs = self.mean_stderrs
+        # "biuf": a number, be it a bool, whole or floating point, and no text
         if stderrs.dtype.kind not in "biuf" or stderrs.shape != self.gains.shape[1:]:
             raise ValueError(f"mean_stderr of {stderrs.dtype}, shape {stderrs.shape}")
 
@@ -362,7 +363,7 @@ class CoverageMap(Stored, kind="coverage", title="meshtrace coverage map"):
 
 
 def relative_errors(gain: Floats, stderr: Floats) -> Floats:
-    """Return the errors of cells relative to their gains, or to 1 % of the highest if larger.
+    """Return the errors of cells relative to their gains, or to 1 % of the highest gain if larger.
 
     Infinite for a map without received light.
     """
@@ -375,8 +376,9 @@ def relative_errors(gain: Floats, stderr: Floats) -> Floats:
 def as_high(gain: Floats, stderr: Floats) -> NDArray[np.bool_]:
     """Return a mask of the cells (nx, ny) whose gain may equal the highest, within errors.
 
-    Their difference from it is within its error, as of independent gains, at 95 % confidence for
-    all cells together: which of many noisy cells is the highest is partly chance.
+    Which of many noisy cells is the highest is partly chance. These differ from it by no more than
+    the error of the difference, at 95 % confidence for all cells together, as if gains were
+    independent.
     """
     # Bonferroni's correction: the probability that any of `size` comparisons errs is at most 5 %
     z = -NormalDist().inv_cdf(0.05 / gain.size)
@@ -487,8 +489,9 @@ class ByWavelength(
             optics = [f"{key} {water[key]:.4g}" for key in ("a", "b", "n") if key in water]
             for r, (gain, stderr) in enumerate(zip(result.gains, result.stderrs, strict=True)):
                 samples = f"{result.scattered[r].effective:,.0f}" if result.scattered else "-"
-                about = ", ".join([f"receiver {r}"] * (len(result.gains) > 1) + optics)
-                lines.append(f"{nm:>8g}{gain:>13.4e}{stderr:>16.1e}{samples:>19}  {about}")
+                # receivers are named where there are several
+                remarks = ", ".join([f"receiver {r}"] * (len(result.gains) > 1) + optics)
+                lines.append(f"{nm:>8g}{gain:>13.4e}{stderr:>16.1e}{samples:>19}  {remarks}")
         return "\n".join(lines)
 
 

@@ -54,7 +54,9 @@ ShapeOf = Callable[[Any], tuple[int | None, ...]]
 DEFAULT_CHAINS = 2048
 """Chains of a study over many surfaces, common to all of them."""
 
-_PROBED = 4  # first surfaces, whose crests stand for those of all when chains are drawn
+# First surfaces, whose crests stand for those of all when chains are drawn: chains end below a
+# ceiling, and a higher sea needs others. `MANY_SEAS` allows for seas higher than these.
+_PROBED = 4
 _TRIM_EVERY = 16  # surfaces after which free memory goes back to the system; tuned: memory, time
 
 
@@ -189,6 +191,7 @@ class Campaign(NamedTuple):
     def identity(self) -> dict[str, Any]:
         """Return the configuration that the numbers of a step depend on, as plain data."""
         identity = {
+            # `per_pixel` needs no key: the links name their pixels
             "links": {name: link.model_dump(mode="json") for name, link in self.links.items()},
             "spectral": self.spectral,
             "surface": surface_config(self.surface),
@@ -264,7 +267,10 @@ class Campaign(NamedTuple):
         return self.in_time(np.array([self.meshing.time]))
 
     def lines(self, links: Sequence[Link], surface: MeshSource) -> dict[str, Any]:
-        """Return arguments of `MeshSource.mesh` that cover all crossings to any receiver."""
+        """Return the grid lines of a mesh that covers all crossings to any receiver.
+
+        They are keyword arguments of `MeshSource.mesh`.
+        """
         if self.spectral:  # one link at several wavelengths: its ends are in the same places
             links = [clearest(links)]
         joint = links[0]
@@ -376,6 +382,7 @@ class Campaign(NamedTuple):
         Yields
         ------
         ndarray, shape (2, links, columns, shifts)
+            Columns are those of `Campaign.columns`, shifts as in `gains`.
         """
         setup = partial(gains_over, self.alone, steps, probed)
         name = f"gains of {', '.join(self.links)}"
@@ -394,8 +401,8 @@ class Campaign(NamedTuple):
         Returns
         -------
         ndarray, shape (2, links, surfaces, columns, shifts)
-            Shifts are the 32 randomizations of the chains: independent estimates, the same ones
-            over all surfaces and for all links.
+            Columns are those of `Campaign.columns`. Shifts are the 32 randomizations of the chains:
+            independent estimates, the same ones over all surfaces and for all links.
         """
         # filled as they come: a list would hold the gains of a million surfaces twice
         gains = np.empty((2, len(self.links), len(steps.labels), self.columns, SHIFTS))
@@ -464,7 +471,8 @@ def _on_threads(
     threads: int, setup: Setup, steps: Sequence[Any]
 ) -> Generator[tuple[int, Any], None, None]:
     """Yield the place of each step and its numbers, in order."""
-    # setup and steps run with BLAS held to one thread: digits do not depend on the cores
+    # both the setup and the steps run with BLAS held to one thread: it splits sums by its threads,
+    # and the digits would depend on the cores
     yield from enumerate(ordered_map(held(held(setup)()), steps, threads))
 
 
@@ -472,7 +480,7 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
     """Return a function from the number of a surface to the gains over it.
 
     Gains have the shape of those of `Campaign.each`; each mesh is made in the thread that
-    evaluates it.
+    evaluates it. Chains are drawn once for all surfaces where the links do not move.
     """
     run, normals, links = campaign.run, campaign.meshing.normals, list(campaign.links.values())
     widest, source = _widest(steps, links), campaign.surface
@@ -500,15 +508,16 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
 
         # shape (2, links, columns, shifts): gains and their unscattered parts
         def over_mesh(mesh: TriangleMesh) -> Floats:
-            each = [
-                by_wavelength
-                for c in detections
-                for by_wavelength in c.at_wavelengths(
+            # one detection for each link, or one with all wavelengths: in both cases link by link
+            gains_of_links = [
+                gains_of_link
+                for detection in detections
+                for gains_of_link in detection.at_wavelengths(
                     mesh, record=pixels, per_lamp=campaign.per_lamp
                 )
             ]
-            values = [_columns(*pair, pixels) for pair in zip(each, links, strict=True)]
-            return np.moveaxis(np.array(values), 1, 0)
+            pairs = zip(gains_of_links, links, strict=True)
+            return np.moveaxis(np.array([_columns(*pair, pixels) for pair in pairs]), 1, 0)
 
         return over_mesh
 
@@ -516,12 +525,13 @@ def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Calla
         over_mesh = gains(links)
         return lambda i: over_mesh(mesh(i))
     # ends that only tilt share one mesh and, where chains serve neighbours, one set of chains
-    shared_mesh = widest and not campaign.spectral and not campaign.per_lamp and not pixels
-    if not shared_mesh or not all(
+    may_share = widest and not campaign.spectral and not campaign.per_lamp and not pixels
+    if not may_share or not all(
         isinstance(chains, ForcedDetection) and chains.serves_neighbours
         for chains in campaign.detections(links, typical)
     ):
         return lambda i: gains(links_at(i))(mesh(i))
+    # "usual" searches, as single gains have: unbiased, at a part of the time of "thorough" ones
     frozen = [
         FrozenForced(link, run.photons, run.seed, typical, normals, "usual") for link in links
     ]
@@ -537,6 +547,7 @@ def _columns(gains: Any, link: Link, pixels: bool) -> list[Floats]:
     """Return gains of receivers, lamps and pixels by shift, and their unscattered parts."""
     columns = [(part.shifts, part.direct) for part in gains.with_lamps]
     if pixels:
+        # the table of arrivals of the only wavelength; it does not tell their unscattered part
         by_pixel = pixel_groups(gains.table[0], link).reshape(-1, SHIFTS)
         columns.append((by_pixel, np.full_like(by_pixel, np.nan)))
     return [np.concatenate(kind) for kind in zip(*columns, strict=True)]
@@ -566,7 +577,7 @@ def _analog_gains(campaign: Campaign, links: Sequence[Link], mesh: TriangleMesh)
                 columns.append(groups_by_lamp(sums, run.seed, link).mean(axis=-1).ravel())
             if campaign.pixels > 1:
                 hits = sums.all_arrivals
-                table = table_of(hits, hits["weight"] / photons, 1.0, link)
+                table = table_of(hits, hits["weight"] / photons, 1.0, link)  # paths in metres
                 columns.append(pixel_groups(table, link).mean(axis=-1).ravel())
             gains[i, :, shift] = np.concatenate(columns)
     return np.array([gains, np.full_like(gains, np.nan)])
@@ -582,12 +593,13 @@ def _widest(steps: Steps, links: list[Link]) -> Sequence[Link] | None:
     if steps.links is None:
         return links
     # all links of a campaign move alike: the first stands for them
-    ends = [[end for _, end in row[0].items()] for row in steps.links]
+    ends = [[end for _, end in links_of_step[0].items()] for links_of_step in steps.links]
     # an end that moves needs a mesh for each place, fine where its light crosses
     places = [[end.center for end in of_step] for of_step in ends]
     if any(place != places[0] for place in places):
         return None
-    # the most tilted view sees the sea farthest off
+    # the most tilted view sees the sea farthest off; ends without a tilt, such as sources in the
+    # water, count as level
     tilts = [sum(getattr(end, "tilt_deg", 0.0) for end in of_step) for of_step in ends]
     return steps.links[int(np.argmax(tilts))]
 
@@ -617,10 +629,10 @@ def campaign_of(
     run : StudyOptions
         Options of the run by their names.
     fading : bool
-        Whether the answer of the study is about fading: unless `waves` of the meshing or of the sea
-        say otherwise, the sea has all waves that make the light of the link fade.
+        Whether the study is about fading: unless `waves` of the meshing or of the sea say
+        otherwise, the sea has all waves that make the light of the link fade.
     several : bool
-        Whether the study needs a sea, and a single mesh is refused.
+        Whether the study needs several surfaces, and a single mesh is refused.
     analog : bool
         Whether the gains of the study may be those of individual photons.
     chains : int
@@ -646,7 +658,8 @@ def campaign_of(
             raise Refused(
                 "run.estimator", "analog", f"forced{', over many seas' if several else ''}"
             )
-        # the error is that of 32 ranges of photons, none of which may be empty
+        # the error is that of 32 ranges of photons, none of which may be empty; doubles count whole
+        # numbers up to 2^53
         require_whole(case.run.photons, SHIFTS, 2**53, "run.photons")
     if several and not isinstance(case.surface, MeshSource):
         raise Refused("surface", Described(type(case.surface).__name__), "a sea (MeshSource)")

@@ -152,7 +152,8 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
         placements = self.samples.shape[2]
         # realizations and time steps have no placements
         placed = self.parameter == "spacing" and placements > 1
-        # the mean over a lattice of n points errs as 1 / n, not as its root
+        # placements are a lattice over a cell: a mean over n of them errs as 1 / n, where one over
+        # random placements would err as 1 / sqrt(n)
         return self.scatter / placements if placed else None
 
     @property
@@ -179,13 +180,13 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
         ----------
         L. Eça and M. Hoekstra, J. Comput. Phys. 262, 104 (2014), doi:10.1016/j.jcp.2014.01.006.
         """
-        spread = self._placement_error
+        placing = self._placement_error
         return {
             kind: fit_law(
                 self.step,
                 self._differences[k],
                 float(self.anchor[k]),
-                None if spread is None else spread[k],
+                None if placing is None else placing[k],
             )
             for k, kind in enumerate(self.normals)
         }
@@ -287,6 +288,7 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
             lines.append("".join(cells))
         if exact is not None:
             lines.append(
+                # 30 blanks: the columns of difference, stderr and scatter, 12 + 9 + 9 wide
                 f"{'exact surface':>18}{exact.gain:>12.4e}{exact.ballistic:>12.4e}{'':>30}"
                 f"{exact.slope_variance:>12.6f}"
             )
@@ -297,7 +299,7 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
     def _fitted_lines(self, kind: Normals) -> list[str]:
         """Describe the fitted order, the limit and the recommended step in lines of text."""
         k, exact = self.normals.index(kind), self.reference
-        order, gain, _ = self.fits[kind]
+        order, gain, _ = self.fits[kind]  # without the coefficient C
         lines = [
             f"order {order.value:.2f} ({order.low:.2f} to {order.high:.2f}, 95 %)",
             f"Richardson {gain.value:.5e} ({gain.low:.5e} to {gain.high:.5e}, 95 %)",
@@ -404,14 +406,15 @@ def convergence_study(
     chains = CommonChains(campaign, normals, receiver, unresolved)
     link, sea, time = campaign.link, campaign.sea, campaign.meshing.time
     pairs = product(values, placement_shifts(placements))
+    # functions that make the meshes: of all at once the memory would be out of bounds
     cases = [partial(nested_mesh, link, sea, time, spacing, shift) for spacing, shift in pairs]
     recorded = {"spacings": values, "placements": placements, "unresolved": unresolved}
-    gains = _by_step(chains.measure_all(cases, recorded), values)
+    numbers = _by_step(chains.measure_all(cases, recorded), values)
     # crossings of the finest mesh are nearest to those of the exact surface, where Newton ends
-    truth = chains.exact(exact, values[-1]) if exact else None
+    gain_of_exact = chains.exact(exact, values[-1]) if exact else None
     # the error of a single mesh: its place against the sea is a matter of chance
-    scatter = spread(gains[..., :SHIFTS].mean(axis=3))
-    return _study("spacing", values, chains, gains, scatter, tolerance, recorded, truth)
+    scatter = spread(numbers[..., :SHIFTS].mean(axis=3))
+    return _study("spacing", values, chains, numbers, scatter, tolerance, recorded, gain_of_exact)
 
 
 @check_call
@@ -461,7 +464,8 @@ def band_limit_study(
     sea: Any = campaign.sea
     if not {"omega_max", "seed"} <= set(getattr(type(sea), "model_fields", {})):
         raise Refused("surface", Described(type(sea).__name__), "a random sea with omega_max")
-    # one spacing for all bands, so that the mesh adds the same error to each
+    # one spacing for all bands, so that the mesh adds the same error to each; 0.1 m is also that of
+    # `Link.footprint`
     spacing = campaign.meshing.spacing or 0.1
     # the widest band has the highest crests, for which the chains must allow
     widest = sea.model_copy(update={"omega_max": values[-1]})
@@ -475,12 +479,12 @@ def band_limit_study(
     cases = [partial(mesh, *pair) for pair in product(values, range(realizations))]
     recorded = {"omega_max": values, "realizations": realizations, "spacing": spacing,
                 "unresolved": unresolved}  # fmt: skip
-    gains = _by_step(chains.measure_all(cases, recorded), values)
-    gain = gains[..., :SHIFTS].mean(axis=3)
+    numbers = _by_step(chains.measure_all(cases, recorded), values)
+    gain = numbers[..., :SHIFTS].mean(axis=3)
     # differences from the widest band with the same phases: the fading itself, which all bands
     # share, cancels
     scatter = spread(gain - gain[:, -1:])
-    return _study("omega_max", values, chains, gains, scatter, tolerance, recorded)
+    return _study("omega_max", values, chains, numbers, scatter, tolerance, recorded)
 
 
 @check_call
@@ -519,7 +523,7 @@ def time_step_study(
         linear interpolation between its times.
     """
     values = descending("steps", steps)
-    # one more time between those of the shortest step shows its interpolation error, too
+    # one more frame between two of the shortest step shows its interpolation error, too
     finest = 0.5 * values[-1]
     # steps and duration in units of `finest`
     strides = [multiple_of("steps", value / finest) for value in values]
@@ -542,9 +546,9 @@ def time_step_study(
     # no photons: the share of total reflection does not depend on the step, and stays nan
     frames = chains.measure_all(cases, recorded, photons=0)  # (kinds, times, numbers)
     # (kinds, steps, 1, numbers): one repeat; over the times by the trapezoidal rule on every
-    # stride-th frame
+    # stride-th frame. Times are in units of `finest`: the mean is the integral over n
     integrals = [np.trapezoid(frames[:, ::stride], dx=stride, axis=1) for stride in strides]
-    means = np.stack(integrals, axis=1)[:, :, None] / (frames.shape[1] - 1)
+    means = np.stack(integrals, axis=1)[:, :, None] / n
     # slopes, reflection and times do not depend on the step: their means over all frames
     for k in range(SHIFTS + 1, frames.shape[-1]):
         means[..., k] = frames[..., k].mean(axis=1)[:, None, None]
@@ -606,17 +610,22 @@ def body_study(
         bodies = (*base.objects[:body], version, *base.objects[body + 1 :])
         vertices, faces = version.triangles()
         a, b, c = (vertices[faces[:, i]] for i in range(3))
+        # half the parallelogram of two edges
         areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
         links[math.sqrt(areas.mean())] = base.replace(objects=bodies)
     sizes = descending("meshes", list(links))
     time = campaign.meshing.time
     by_size = [(links[size],) for size in sizes]
+    # The sea is one and the same. As "realization", not "time", each step has chains and a mesh of
+    # its own: light meets another body in each.
     steps = Steps("realization", np.array(sizes), lambda i: (surface, time), by_size)
     gains = campaign.gains(steps)[:, 0, :, receiver]  # (gain and unscattered part, sizes, shifts)
     unknown = np.full((1, len(sizes)), math.nan)
     if not gains[0].mean(axis=1).all():
         raise Refused("gain", Described("no light received"), "light with every mesh")
     recorded = {"facet_size": sizes, "body": body, "receiver": receiver}
+    # one kind of normals and one repeat: samples (1, sizes, 1, shifts), unscattered (1, sizes, 1);
+    # scatter, slopes, reflection and times are unknown
     return ConvergenceStudy(
         "facet_size", np.array(sizes), (campaign.meshing.normals,), gains[None, 0, :, None],
         gains[None, 1].mean(axis=2, keepdims=True), unknown, unknown, unknown, unknown, unknown,
@@ -625,7 +634,7 @@ def body_study(
 
 
 def _by_step(values_by_case: Floats, values: list[float]) -> Floats:
-    """Split numbers (kinds, meshes, numbers) by step: (kinds, steps, repeats, numbers)."""
+    """Split the numbers of meshes by step: (kinds, meshes, n) to (kinds, steps, repeats, n)."""
     return values_by_case.reshape(len(values_by_case), len(values), -1, values_by_case.shape[-1])
 
 
@@ -633,35 +642,38 @@ def _study(
     parameter: str,
     values: list[float],
     chains: CommonChains,
-    gains: Floats,
+    numbers: Floats,
     scatter: Floats,
     tolerance: float,
     recorded: dict[str, Any],
     reference: Reference | None = None,
 ) -> ConvergenceStudy:
-    """Assemble the study from the numbers of meshes (kinds, steps, repeats, numbers).
+    """Assemble the study from the numbers of its meshes, shape (kinds, steps, repeats, n).
 
-    `scatter` is that of `ConvergenceStudy`; `recorded` are the options of the study.
+    The n numbers are in the order of `CommonChains.measure`; `scatter` is that of
+    `ConvergenceStudy`; `recorded` are the options of the study.
     """
-    # numbers in the order of `CommonChains.measure`
-    samples, (ballistic, *others) = gains[..., :SHIFTS], np.moveaxis(gains[..., SHIFTS:], -1, 0)
+    samples, (ballistic, *others) = numbers[..., :SHIFTS], np.moveaxis(numbers[..., SHIFTS:], -1, 0)
     # tolerances are relative: a gain of 0 has none
     if not samples.mean(axis=(2, 3)).all():
         raise Refused("gain", Described("no light received"), "light at every step")
-    slopes, reflected, mesh, bvh, gain = (array.mean(axis=2) for array in others)
+    slopes, reflected, mesh_time, bvh_time, gain_time = (array.mean(axis=2) for array in others)
     kinds = chains.kinds
     recorded = recorded | {"normals": list(kinds), "receiver": chains.receiver}
     return ConvergenceStudy(
         parameter, np.array(values), kinds, samples, ballistic, scatter, slopes, reflected,
-        mesh, bvh, gain, reference, tolerance,
+        mesh_time, bvh_time, gain_time, reference, tolerance,
         chains.campaign.provenance(of_study=recorded),
     )  # fmt: skip
 
 
-def _interpolation_error(frames: Floats, stride: int) -> Floats:
-    """Return the rms error of linear interpolation between every stride-th frame (kinds, times)."""
-    times = np.arange(frames.shape[1])
-    guess = np.stack([np.interp(times, times[::stride], row[::stride]) for row in frames])
+def _interpolation_error(gain: Floats, stride: int) -> Floats:
+    """Return the rms error (kinds,) of interpolating a gain (kinds, times) at every stride-th time.
+
+    Interpolation is linear.
+    """
+    times = np.arange(gain.shape[1])
+    interpolated = np.stack([np.interp(times, times[::stride], g[::stride]) for g in gain])
     # at the nodes themselves the error is zero by construction
     between = times % stride != 0
-    return np.sqrt(np.mean((frames - guess)[:, between] ** 2, axis=1))
+    return np.sqrt(np.mean((gain - interpolated)[:, between] ** 2, axis=1))

@@ -188,7 +188,7 @@ def coverage_map(
     )
     # to a tolerance unscattered light is summed as an image, without noise, where it is known: this
     # needs meshes that are fine below the whole map
-    exact = rtol is not None and not isinstance(case.run.estimator, Analog)
+    for_image = rtol is not None and not isinstance(case.run.estimator, Analog)
     wavelengths = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
     links = [case.link.at_wavelength(nm) for nm in wavelengths] or [case.link]
     without_links = Campaign({}, case.surface, case.run, case.meshing)
@@ -198,8 +198,9 @@ def coverage_map(
         # each turn serves the wavelengths that the photons of one base sample well
         while waiting := [i for i in range(len(links)) if i not in maps]:
             base, shared = photon_paths(links, waiting)
-            part = campaign._replace(links={str(i): links[i] for i in shared.wavelengths})
-            maps |= _Mapped(part, shared, receiver, grid, instants, exact).run(photons, rtol, base)
+            of_base = campaign._replace(links={str(i): links[i] for i in shared.wavelengths})
+            mapped = _Mapped(of_base, shared, receiver, grid, instants, for_image)
+            maps |= mapped.run(photons, rtol, base)
     for coverage in maps.values():
         coverage.provenance.update(case.origin)
     results = tuple(maps[i] for i in range(len(links)))
@@ -233,7 +234,7 @@ class _Mapped(Restored):
         Their common paths.
     receiver, grid, times
         Receiver, cells and times of the map.
-    exact : bool
+    for_image : bool
         Whether the meshes are fine below all cells, for the image of the unscattered light.
     unscattered : bool, optional
         Whether the photons carry the unscattered light, too; by default if it has no image.
@@ -246,18 +247,18 @@ class _Mapped(Restored):
         receiver: Receiver | WaterReceiver,
         grid: IrradianceMap,
         times: list[float],
-        exact: bool,
+        for_image: bool,
         unscattered: bool | None = None,
     ) -> None:
-        self._campaign, self._common, self._exact = campaign, shared, exact
+        self._campaign, self._common, self._for_image = campaign, shared, for_image
         self._receiver, self._grid, self.times = receiver, grid, times
         options = campaign.run.estimator
         self.options = options if isinstance(options, Analog) else Analog()
         self.tinting = shared.tinting
         # gains are linear in the index of the water between the smallest and the largest one:
         # weights of these two ends, (ends, wavelengths), or of the only one
-        shares = np.array([1.0 - shared.shares, shared.shares])
-        self.end_shares = shares[: len(shared.bases)]
+        of_ends = np.array([1.0 - shared.shares, shared.shares])
+        self.end_shares = of_ends[: len(shared.bases)]
         self._links = links = list(campaign.links.values())
         self._clearest = clearest(links)
         scatterers = [links[i] for i in self.tinting.bases] or [shared.bases[0]]
@@ -267,14 +268,15 @@ class _Mapped(Restored):
             for end in shared.bases
             for base, link in enumerate(scatterers)
         ]
-        # runs of one end have as many photons each; `shares` is (runs, wavelengths)
+        # Runs of one end have as many photons each, so that its map is the mean of theirs; `shares`
+        # are the weights of all runs in the map of each wavelength, (runs, wavelengths).
         self._base_shares = np.full(len(scatterers), 1.0 / len(scatterers))
         self.shares = np.repeat(self.end_shares, len(scatterers), axis=0) / len(scatterers)
         # a mesh with its intersector takes tens of megabytes
         self.mesh = lru_cache(_MESHES)(self._meshed)
         # one lock a time: threads wait only for the mesh that they need
-        self._turns = [Lock() for _ in times]
-        image = self._unscattered() if exact and unscattered is None else None
+        self._mesh_locks = [Lock() for _ in times]
+        image = self._unscattered() if for_image and unscattered is None else None
         self._image: Floats | None = image[0] if image else None
         self._image_error: Floats = image[1] if image else np.zeros(1)
         self._photons_carry_all = self._image is None if unscattered is None else unscattered
@@ -282,12 +284,13 @@ class _Mapped(Restored):
         self._by_chains: tuple[Floats, Floats] | tuple[()] | None = None
         self._chains_used = 0
         carries = self._photons_carry_all
-        self.inputs = campaign.alone, shared, receiver, grid, times, exact, carries
+        # from which a worker builds the same object, see `Restored`
+        self.inputs = campaign.alone, shared, receiver, grid, times, for_image, carries
 
     def _meshed(self, time: float) -> TriangleMesh:
         """Mesh the surface at a time, fine below all cells for the image of unscattered light."""
         inputs = self._campaign.surface, self._campaign.meshing.replace(time=time)
-        if self._exact:
+        if self._for_image:
             half = 0.5 * self._grid.n * self._grid.step
             # receivers in the corners make the mesh fine below the whole map, which may end a part
             # of a cell beyond `extent`
@@ -305,7 +308,8 @@ class _Mapped(Restored):
         """Return the steps of `photons` further ones at each time, after `done` at each."""
         steps, n = list[_Step](), len(self.runs)
         for i in range(len(self.times)):
-            # ids are consecutive: those of all times up to now come first
+            # ids are consecutive over all calls: `done` of each time precede those of this call, in
+            # which one time follows the other
             first = self.options.first_photon + len(self.times) * done + i * photons
             # as many photons to each run
             cuts = [first + k * photons // n for k in range(n + 1)]
@@ -323,10 +327,11 @@ class _Mapped(Restored):
     def tallies(self, step: _Step, grid: IrradianceMap | None = None) -> PhotonSums:
         """Return the tallies of a step, by default in the cells of the map."""
         base, link = self.runs[step.part]
-        with self._turns[step.time]:  # one thread makes the mesh of all
+        with self._mesh_locks[step.time]:  # one thread makes the mesh of all
             mesh = self.mesh(self.times[step.time])
             EmbreeIntersector(frame_of(link).mesh(mesh), 1).built()  # kept with the mesh
-        # another grid is for a warning: the photons of one wavelength, with all their light, do
+        # Another grid is for a warning alone, which photons of one wavelength with all their light
+        # serve. `turn` is the base of the tinting that these photons follow, and the shares of all.
         tinting = UNTINTED if grid else self.tinting
         turn = (0, ALONE.parts) if grid else (base, self._base_shares)
         return run_analog(
@@ -393,7 +398,7 @@ class _Mapped(Restored):
 
         Photons carry all light, or the light that the images lack, unless chains take their place.
         """
-        # a first look, from which the number for the tolerance follows
+        # with a tolerance few photons first: their errors give the number that it needs
         more = photons if rtol is None else min(photons, _FIRST_PHOTONS)
         # photons of each time so far, their sums by run, and places of the well-sampled links
         done, sums, sampled = 0, list[PhotonSums](), list[int]()
@@ -405,12 +410,13 @@ class _Mapped(Restored):
             sampled = sampled or self._well_sampled(sums, base)
             pairs = [(gain[:, :, k], stderr[:, :, k]) for k in sampled]
             errors = [relative_errors(*pair).max() for pair in pairs if pair[0].any()]
-            # needed over present photons, as the error falls as 1 / sqrt(N); 0 without any light,
-            # where more photons would not help
+            # number of photons needed over the present one, as the error falls as 1 / sqrt(N); 0
+            # without any light, where more photons would not help
             lack = 0.0 if rtol is None else (max(errors, default=0.0) / rtol) ** 2
             # a tenth more, as the error is uncertain
             wanted = math.ceil(done * min(1.1 * float(lack), _MOST_AT_ONCE))
             more = max(min(wanted, Analog.most_photons) - done, 0) if lack > 1.0 else 0
+            # once, when the first photons have shown what the tolerance would cost
             if more > 0 and rtol is not None and self._by_chains is None:
                 self._by_chains = self._gain_by_chains(sums, rtol, done * lack) or ()
                 if self._by_chains:
@@ -433,6 +439,7 @@ class _Mapped(Restored):
         if self._image is None or not self._cheaper(rtol, photons) or self.cell_chains is None:
             return None
         chains, direct, first = self.cell_chains, self._image[:, :, 0], True
+        # further chains by tile, until no tile needs any
         tiles_done, waiting = dict[int, TileSums](), dict.fromkeys(range(len(chains.tiles)), FIRST)
         while waiting:
             for tile, more in self._tile_sums(waiting, tiles_done).items():
@@ -449,8 +456,9 @@ class _Mapped(Restored):
     def _cheaper(self, rtol: float, photons: float) -> bool:
         """Return whether chains cost less than `photons` at each time, by a probe of few tiles."""
         # one tile in nine tells the cost of all, for a ninth of the pilots
-        probe, budget = self._chains_of(_PROBED), min(photons, Analog.most_photons)
-        budget *= len(self.times)  # costs are in photons over all times
+        probe = self._chains_of(_PROBED)
+        # costs are in photons over all times
+        budget = min(photons, Analog.most_photons) * len(self.times)
         if probe is None or self._image is None or probe.cost(np.array([FIRST])) > budget:
             return False
         tiles = [
@@ -465,7 +473,7 @@ class _Mapped(Restored):
         """Return whether chains light all cells as photons do, and omit little."""
         assert self._image is not None
         # the first photons follow light on all its ways, without bias: they judge the chains
-        gain, stderr = (values[:, :, 0] for values in self._mixed(sums))
+        gain, stderr = (values[:, :, 0] for values in self._gain_by_photons(sums))
         whole = self._image[:, :, 0] + chains.scattered(tiles)[0]
         illuminated = all((tile.mean > 0.0).all() for tile in tiles)  # else an error would be zero
         return illuminated and chains.agree(tiles, gain, stderr) and not chains.omits(whole)
@@ -502,7 +510,8 @@ class _Mapped(Restored):
     def _well_sampled(self, sums: list[PhotonSums], base: int) -> list[int]:
         """Return places of the links with enough effective photons in the median bright cell."""
         effective = []  # photons of each wavelength, (gain / stderr)^2
-        for gain, stderr in zip(*(np.moveaxis(x, 2, 0) for x in self._mixed(sums)), strict=True):
+        by_wavelength = (np.moveaxis(x, 2, 0) for x in self._gain_by_photons(sums))
+        for gain, stderr in zip(*by_wavelength, strict=True):
             illuminated = gain > LIT * gain.max()
             effective.append(
                 float(np.median((gain[illuminated] / stderr[illuminated]) ** 2))
@@ -518,12 +527,13 @@ class _Mapped(Restored):
         self, link: Link, gain: Floats, stderr: Floats, sums: list[PhotonSums], photons: int,
         rtol: float | None,
     ) -> CoverageMap:  # fmt: skip
-        """Return the map of a wavelength."""
+        """Return the map of a wavelength, and warn of cells that have not reached `rtol`."""
         bound = None
         if rtol is not None:
             cells = int((relative_errors(gain, stderr) > rtol).sum())
             if cells:
                 text = f"rtol: {cells} of {gain.size} cells have not reached {rtol:g}"
+                # 5: from here by `run`, `coverage_map` and its decorator to the line of the caller
                 warnings.warn(f"{text} with the most samples", FewSamplesWarning, stacklevel=5)
             bound = self._bound(link, gain, stderr, sum(tally.photons for tally in sums))
         campaign, axis = self._campaign, self._grid.axes
@@ -569,9 +579,9 @@ class _Mapped(Restored):
             tallies[step.part] += tallies[step.part].of_row(row)
         return tallies
 
-    def _mixed(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:
+    def _gain_by_photons(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:
         """Return the gain that photons carry, and its standard error (x, y, wavelengths)."""
-        # from the flux through a cell to that through the aperture
+        # from the flux through a cell to that through the aperture: the ratio of their areas
         scale = np.pi * self._receiver.radius**2 / self._grid.step**2
         means, errors = np.array([tally.map_mean() for tally in sums]).swapaxes(0, 1)
         shares = self.shares[:, None, None]
@@ -580,7 +590,7 @@ class _Mapped(Restored):
 
     def _gain(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:
         """Return the whole gain and its standard error (x, y, wavelengths)."""
-        gain, stderr = self._mixed(sums)
+        gain, stderr = self._gain_by_photons(sums)
         if self._image is None:
             return gain, stderr
         area = np.pi * self._receiver.radius**2
@@ -589,6 +599,7 @@ class _Mapped(Restored):
         typical = np.zeros(gain.shape[2])
         for tally, shares in zip(sums, self.shares, strict=True):
             total, squares = (x.value().sum(axis=(0, 1)) for x in (tally.map, tally.map_squared))
+            # sum w^2 / sum w: the mean weight of the photons, by the light that each carries
             weight = squares / np.maximum(total, 1e-300) / tally.map_scale
             typical += shares * area / self._grid.step**2 * weight / tally.photons
         return self._image + gain, np.hypot(np.hypot(stderr, typical), self._image_error)
@@ -596,15 +607,17 @@ class _Mapped(Restored):
     def _bound(self, link: Link, gain: Floats, stderr: Floats, photons: int) -> Floats | None:
         """Return upper bounds of dark cells at 95 % confidence, nan elsewhere; None without any.
 
-        No photon scores more than its largest weight w times the aperture over the cell; with
-        mean m and standard error s the bound is m + 2 s + 3 w / n (rule of three). A photon of a
-        base that scatters more than the link weighs exp((b_base - b) l) after a way l without
-        scattering: w takes l as the depth of the deepest end.
+        No photon scores more than its largest weight w times the aperture over the cell. With mean
+        m and standard error s of n photons the bound is m + 2 s + 3 w / n: two standard errors for
+        light that was met, and the rule of three, (1 - p)^n = 0.05, for light that was not. A
+        photon of a base that scatters more than the link weighs exp((b_base - b) l) after a way l
+        without scattering: w takes l as the depth of the deepest end.
         """
         if (gain > 0.0).all():
             return None
         excess = max(scattering(self._common.bases[0])[0] - scattering(link)[0], 0.0)  # [m-1]
         depth = max(-item.center[2] for _, item in link.items())
+        # 0: depths from still water, without the troughs of the waves
         weight = largest_weight(link, 0.0) * math.exp(excess * depth)
         most = weight * np.pi * self._receiver.radius**2 / self._grid.step**2
         return np.where(gain > 0.0, np.nan, gain + 2.0 * stderr + 3.0 * most / photons)

@@ -89,9 +89,9 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
 
     def _headline(self) -> str:
         first, count = self.figures[0], len(self.figures)
-        where = f"{first.bit_rate / 1e6:g} Mbit/s, {name_of_light(self.light)}"
+        conditions = f"{first.bit_rate / 1e6:g} Mbit/s, {name_of_light(self.light)}"
         return (
-            f"BER {_ratio(first.ber.value, 3)}{_at(first.depth)}, {where}; "
+            f"BER {_error_rate(first.ber.value, 3)}{_at(first.depth)}, {conditions}; "
             f"{count} point{'s' * (count > 1)}"
         )
 
@@ -108,9 +108,9 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         ValueError
             If the performance was not computed there.
         """
-        row = _index("depth", self.depths, depth)
-        column = _index("bit_rate", self.bit_rates, bit_rate)
-        return self.figures[row * len(self.ooks) + column]
+        i, j = _index("depth", self.depths, depth), _index("bit_rate", self.bit_rates, bit_rate)
+        # the bit rates of one depth follow each other
+        return self.figures[i * len(self.ooks) + j]
 
     def estimates(self, name: str) -> Floats:
         """Return a figure with its limits as an array.
@@ -157,7 +157,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         # value, lower and upper limit: the upper limit of the error rate gives the lower one of
         # the range
         curves = (bers[:, i, [0, 2, 1]].T for i in range(len(self.ooks)))
-        return tuple(Estimate(*(_range(self.depths, b, target) for b in c)) for c in curves)
+        return tuple(Estimate(*(_range(self.depths, ber, target) for ber in c)) for c in curves)
 
     def eye(self, depth: float | None = None, bit_rate: float | None = None) -> Eye:
         """Return the eye diagram at the mean received power of a depth and bit rate."""
@@ -184,8 +184,8 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         water, *fading_lines = self._origin_lines()
         if "combining" in self.provenance:
             n, combining = len(self.provenance["link"]["receiver"]), self.provenance["combining"]
-            text = f"{n} receivers combined by {_COMBINED[combining]}; gains and powers are those"
-            lines += ["", f"{text} of the first alone with the same reserve"]
+            text = f"{n} receivers combined by {_COMBINING_NAMES[combining]}; gains and powers are"
+            lines += ["", f"{text} those of the first alone with the same reserve"]
         lines += ["", water, f"background light: {self.light}", *self._filters(), *self._tilts()]
         lines += [*self._spreads(), *self._overloads(), *fading_lines, self.status]
         return "\n".join(lines)
@@ -205,7 +205,10 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
 
     @property
     def _least_ber(self) -> float:
-        """Least error rate at any power: one half of the share of tilts out of the view."""
+        """Least error rate at any power: half the share of tilts at which no light is received.
+
+        A receiver without light guesses, and errs in every other bit.
+        """
         return 0.5 * float(self.provenance.get("tilt_outage", 0.0))
 
     def _tilts(self, wind: str = "") -> list[str]:
@@ -223,7 +226,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         there = [f for f in points if f.depth == depth or math.isnan(depth)]
         spread = there[0].rms_delay_spread
         bits = ", ".join(
-            f"{spread.value * f.bit_rate:.2g} bit at {f.bit_rate / 1e6:g} Mbit/s ({_cost(f)})"
+            f"{spread.value * f.bit_rate:.2g} bit at {f.bit_rate / 1e6:g} Mbit/s ({_penalty(f)})"
             for f in there
         )
         up_to = "up to " if len(self.depths) > 1 else ""
@@ -239,13 +242,13 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
     def _range_lines(self, wind: str = "") -> list[str]:
         """Describe the range of each bit rate, a line each that starts with the wind."""
         bers, least, start = self.estimates("ber"), self._least_ber, ""
-        # the tilt alone exceeds the limit: the range is then that while there is light
+        # where the tilt alone exceeds the limit, the range is that of the tilts with light
         if least >= self.limit:
             # BER = t / 2 + (1 - t) BER_inside with the share t of tilts out of the field of view,
             # least = t / 2
             bers = np.maximum(bers - least, 0.0) / (1.0 - 2.0 * least)
             start = "none at any power, by the tilt; within the field of view "
-        # bers.T[0]: the values without their limits, (bit_rates, depths)
+        # from (depths, bit_rates, 3): bers.T[0] are values without limits, (bit_rates, depths)
         table = zip(self.bit_rates, self._ranges(bers, self.limit), bers.T[0], strict=True)
         return [
             f"{wind}{rate / 1e6:>7g} Mbit/s  {start}{self._range_text(estimate, ber)}"
@@ -289,6 +292,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
             level = float(unlimited.levels(figures.received_power.value)[1])
             # share of them that the dead time of the cells leaves
             passed = float(ook.sipm.saturated_rate(level)) / level
+            # most are lost: every gain of power is then mostly wasted
             if passed < 0.5:
                 lines.append(
                     f"{_named(depth)}the SiPM saturates and passes on {100.0 * passed:.2g} % of "
@@ -320,8 +324,9 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         return super()._restored(data, provenance, parts)
 
 
-_COMBINED = {"selection": "selection", "equal": "equal gain", "maximal": "maximal ratio"}
-_FLOOR = 1e-15  # bit error rate below which texts say no more than that
+_COMBINING_NAMES = {"selection": "selection", "equal": "equal gain", "maximal": "maximal ratio"}
+# Bit error rate below which texts give no digits: at 1 Gbit/s one error in eleven days.
+_LEAST_SHOWN = 1e-15
 
 
 def _index(name: str, values: tuple[float, ...], wanted: float | None) -> int:
@@ -343,27 +348,28 @@ def _named(depth: float) -> str:
     return "" if math.isnan(depth) else f"{depth:g} m: "
 
 
-def _ratio(ber: float, digits: int = 2) -> str:
-    """Return a bit error rate as text, with a floor for the smallest ones."""
-    return f"{ber:.{digits}e}" if ber >= _FLOOR else f"< {_FLOOR:g}"
+def _error_rate(ber: float, digits: int = 2) -> str:
+    """Return a bit error rate as text, that below `_LEAST_SHOWN` as a bound."""
+    return f"{ber:.{digits}e}" if ber >= _LEAST_SHOWN else f"< {_LEAST_SHOWN:g}"
 
 
 def _figures_line(f: OperatingPoint) -> str:
     """Return a line of the summary, with columns as wide as in its heading."""
+    # decibels over 1 mW; 1e-300 in place of no power, whose logarithm is infinite
     power = 10.0 * math.log10(max(f.received_power.value, 1e-300) / 1e-3)  # [dBm]
-    above_floor = f.ber.high >= _FLOOR
-    interval = f"{_ratio(f.ber.low)}..{_ratio(f.ber.high)}" if above_floor else _ratio(f.ber.high)
+    low, high = _error_rate(f.ber.low), _error_rate(f.ber.high)
+    interval = f"{low}..{high}" if f.ber.high >= _LEAST_SHOWN else high
     depth = "-" if math.isnan(f.depth) else f"{f.depth:g} m"
     return (
         f"{depth:>7}{f.bit_rate / 1e6:>8g}{power:>10.2f}{f.margin_optical_db.value:>19.2f}"
-        f"{f.margin_electrical_db.value:>12.2f}{_ratio(f.ber.value, 3):>13}{interval:>22}"
+        f"{f.margin_electrical_db.value:>12.2f}{_error_rate(f.ber.value, 3):>13}{interval:>22}"
         f"{f.outage.value:>9.2g}{f.photons_per_bit.value:>13.4g}{f.capacity.hard / 1e6:>15.4g}"
         f"{f.capacity.soft / 1e6:>13.4g}"
     )
 
 
-def _cost(f: OperatingPoint) -> str:
-    """Return the penalty of the channel's response as text."""
+def _penalty(f: OperatingPoint) -> str:
+    """Return as text by how much more power makes up for the intersymbol interference."""
     if f.rms_delay_spread.value * f.bit_rate < SHORT:
         return f"below {SHORT:g} bit: taken as instantaneous"
     if math.isinf(f.dispersion_db):
@@ -377,10 +383,11 @@ def _range(depths: tuple[float, ...], ber: Floats, target: float) -> float:
     """Return the depth [m] at which error rates by depth meet a target; nan without one."""
     from scipy.special import ndtri
 
-    # q of BER = Q(q): `depth_at` interpolates its logarithm, so that it has to be above 0
-    quality = -ndtri(np.clip(ber, 1e-300, 0.5 - 1e-12))
+    # q of BER = Q(q), Q the tail of the normal law: q = -ndtri(BER). `depth_at` interpolates its
+    # logarithm, so that q has to be finite and above 0, and BER within 0 and 1/2.
+    q = -ndtri(np.clip(ber, 1e-300, 0.5 - 1e-12))
     try:
-        return depth_at(depths, quality, -float(ndtri(target)))
+        return depth_at(depths, q, -float(ndtri(target)))
     except ValueError:  # no crossing, or a single depth
         return math.nan
 
@@ -405,8 +412,8 @@ def link_performance(
 ) -> LinkPerformance | ByWavelength[LinkPerformance]:
     """Return error rate, outage, margin and capacity of a link over a random sea.
 
-    BER = E[BER(P h h_alpha)], with the power P of the lamp, the gain h from forced detection over
-    independent seas, and the tilt factor h_alpha of an aircraft
+    BER = E[BER(P h h_alpha)]: the mean over the gain h, by forced detection over independent
+    seas, and over the tilt factor h_alpha of an aircraft, with the power P of the lamp.
 
     Parameters
     ----------
@@ -502,7 +509,7 @@ def link_performance(
     """
     rates = (None,) if bit_rate is None else require_finite(bit_rate, "bit_rate", "rates [bit s-1]")
     at_nm = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
-    # gains and responses that all wavelengths share: the first one computes them
+    # gains and responses at all wavelengths have common paths: the first one computes all of them
     computed = dict[tuple[str, float], Any]() if at_nm else None
 
     def performance(link: Link | Scenario, day: Daylight | None) -> LinkPerformance:
@@ -518,6 +525,7 @@ def link_performance(
         electronics = (detector or "physical") if ook is None else ook
         ooks = tuple(OokLink.of_link(campaign.link, electronics, rate, 0) for rate in rates)
         flown = campaign.flight(flight)
+        # the detectors that are combined: the pixels of a receiver, or several receivers
         array = pixel_array(campaign.link, combining, flown) or array_of(
             campaign.link, ooks[0], combining, light_of(campaign, day) or flown
         )
@@ -549,7 +557,7 @@ def _over_depths(
         for depth, samples in fades.items()
         for ook in ooks
     ]
-    ooks, text = _exposed(ooks, backgrounds, campaign.link)
+    ooks, light_text = _under_background(ooks, backgrounds, campaign.link)
     responses = [None if mean is None else mean.response for mean in means.values()]
     # a sea without random phases is a single sea, whatever `realizations` says
     seas = ensemble.n if isinstance(campaign.surface, SeededSurface) else 1
@@ -567,11 +575,11 @@ def _over_depths(
     provenance |= ensemble.provenance() | {"tilt_outage": shallowest.tilt.outage}
     return LinkPerformance(
         tuple(fades), ooks, tuple(points), tuple(fades.values()), limit, confidence,
-        ooks[0].status, provenance, text, tuple(responses),
+        ooks[0].status, provenance, light_text, tuple(responses),
     )  # fmt: skip
 
 
-def _exposed(
+def _under_background(
     ooks: tuple[OokLink, ...], backgrounds: dict[float, Background | None], link: Link
 ) -> tuple[tuple[OokLink, ...], str]:
     """Return the transmissions under the background at the first depth, and a text about it."""
@@ -579,11 +587,12 @@ def _exposed(
     if background is None:
         return ooks, DARK
     exposed = tuple(with_background(ook, background) for ook in ooks)
-    worst = background
+    brightest = background
     if background.pixel_radiance is not None:  # each pixel has a detector of its own
         side = len(background.pixel_radiance)
-        worst = background.of_pixel(*divmod(int(background.pixel_radiance.argmax()), side))
-    warn_of_background(with_background(ooks[0], worst), worst)
+        brightest = background.of_pixel(*divmod(int(background.pixel_radiance.argmax()), side))
+    # the bias current is that of the detector with the most light
+    warn_of_background(with_background(ooks[0], brightest), brightest)
     text = described(exposed[0], background)
     # a receiver in the water sees another background at each depth
     if link.direction == "down" and len(backgrounds) > 1:

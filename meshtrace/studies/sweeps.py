@@ -64,16 +64,19 @@ if TYPE_CHECKING:
 FIRST_CHAINS = 1024
 """Chains with which a point begins by default; its tolerance may require more."""
 
-_SHARED = ("rtol", "photons", "seed")  # options of a run that a sweep sets for all its points
+# options of a run that a sweep sets for all its points
+_OPTIONS_OF_SWEEP = ("rtol", "photons", "seed")
 
+# A task is what a worker takes and what the store keeps: with more realizations a call that is
+# stopped loses more work, with fewer each has more of the overhead of a message and a line.
 BLOCK = 8
 """Realizations of one task."""
 
 MEASURED = ("gain", "gain_stderr", "gain_ballistic")
 """Names of the numbers of a realization for each receiver, attributes of a `GainResult`."""
 
-_IN_DAYLIGHT = ("background_radiance", "background_radiance_stderr", "ber", "ber_stderr")
-"""Names of further numbers under daylight."""
+_MEASURED_IN_DAYLIGHT = ("background_radiance", "background_radiance_stderr", "ber", "ber_stderr")
+"""Names of the numbers that daylight adds to `MEASURED`."""
 
 
 class Task(NamedTuple):
@@ -144,7 +147,8 @@ class Sweep:
             if self.wavelengths_nm and name.endswith("wavelength_nm"):
                 allowed = "no wavelength among the parameters, or no wavelengths_nm"
                 raise Refused("parameters", name, allowed)
-        # both are made for their refusals alone
+        # The results of both calls are dropped: an error of all points is to be raised at once, and
+        # not to be recorded at each of them.
         self._at_wavelengths(base)
         if self.in_daylight:
             transmission_of(base.link.replace(receiver=base.link.receivers[0]), base.detector)
@@ -190,18 +194,19 @@ class Sweep:
         """
         # classes of the user register themselves when their module is imported
         import_modules(self.modules)
-        n, numbers = task.last - task.first, len(self.measured) * self.receivers
-        table = np.full((n, numbers * max(len(self.wavelengths_nm), 1) + 1), np.nan)
-        error = [""] * n
+        n, per_wavelength = task.last - task.first, len(self.measured) * self.receivers
+        # one number more: the seconds
+        table = np.full((n, per_wavelength * max(len(self.wavelengths_nm), 1) + 1), np.nan)
+        error_texts = [""] * n
         for i in range(n):
             start = time.perf_counter()
             try:
                 table[i, :-1] = self._measure(task, task.first + i).ravel()
             # a point that cannot be computed is a result, too: the sweep goes on
             except Exception as failure:
-                error[i] = error_text(failure)
+                error_texts[i] = error_text(failure)
             table[i, -1] = time.perf_counter() - start
-        return Item(table, json.dumps(error))
+        return Item(table, json.dumps(error_texts))
 
     def _measure(self, task: Task, realization: int) -> NDArray[np.float64]:
         """Return the numbers of a realization, shape (measured, wavelengths, receivers)."""
@@ -229,9 +234,10 @@ class Sweep:
 
     def _numbers(self, scenario: Scenario, result: GainResult) -> NDArray[np.float64]:
         """Return the numbers of `measured` of a result, shape (measured, receivers)."""
-        measured = [getattr(result, name) for name in MEASURED]
-        # None is a part that the estimator does not tell, a single receiver a scalar
-        measured = [np.full(self.receivers, np.nan if row is None else row) for row in measured]
+        values = [getattr(result, name) for name in MEASURED]
+        # analog photons do not separate the ballistic part, which is then None; a link of a single
+        # receiver has scalars
+        measured = [np.full(self.receivers, np.nan if value is None else value) for value in values]
         if self.in_daylight:
             measured += list(_under_daylight(scenario, result))
         return np.stack(measured)
@@ -245,7 +251,7 @@ class Sweep:
     @property
     def measured(self) -> tuple[str, ...]:
         """Names of the numbers of a realization."""
-        return MEASURED + _IN_DAYLIGHT if self.in_daylight else MEASURED
+        return MEASURED + _MEASURED_IN_DAYLIGHT if self.in_daylight else MEASURED
 
     @property
     def light_text(self) -> str:
@@ -294,11 +300,14 @@ class Sweep:
     def identity(self) -> dict[str, Any]:
         """Return the configuration that identifies this sweep, as plain data."""
         fields = asdict(self)
+        # parsed, so that the form of the text does not matter; modules follow from their names in
+        # the link and the parameters
         del fields["base"], fields["modules"]
         return fields | {
             "link": tomllib.loads(self.base),
             "measured": list(self.measured),
             "receivers": self.receivers,
+            # whether the receivers are a list, perhaps of one, and results have their dimension
             "listed": isinstance(self.scenario({}).link.receiver, tuple),
             "light": self.light_text if self.in_daylight else "",
         }
@@ -332,11 +341,12 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
     # a dimension that the user did not ask for has the size 1, and is dropped
     asked = bool(wavelengths), identity["listed"]
     selection = tuple(slice(None) if keep else 0 for keep in asked)
-    along = (*dims, *itertools.compress(("wavelength", "receiver"), asked))
+    measured_dims = (*dims, *itertools.compress(("wavelength", "receiver"), asked))
     for i, name in enumerate(names):
         light_attrs = {"light": identity["light"]} if name == "ber" else {}
-        variables[name] = along, measured[(..., i, *selection)], attrs(name) | light_attrs
-    # units and names of the keys that the catalogue of fields has
+        variables[name] = measured_dims, measured[(..., i, *selection)], attrs(name) | light_attrs
+    # units and long names by the last part of a key, "depth" of "transmitter.depth", where
+    # `fields.toml` has it
     known = {key: attrs(key.rpartition(".")[2]) for key in dims if key.rpartition(".")[2] in FIELDS}
     labelled = {key: (key, values, known.get(key, {})) for key, values in coordinates.items()}
     if wavelengths:
@@ -353,13 +363,14 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
 
 def _labels(values: list[Any]) -> NDArray[Any]:
     """Return values as the labels of a coordinate: numbers, or else text."""
+    # bool is a subclass of int in Python, and shall not become 0 and 1
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return np.array(values)
     return np.array([v if isinstance(v, str) else json.dumps(v) for v in values])
 
 
 def _under_daylight(scenario: Scenario, result: GainResult) -> NDArray[np.float64]:
-    """Return the numbers of `_IN_DAYLIGHT` at the gains of a result, shape (4, receivers)."""
+    """Return the numbers that daylight adds, at the gains of a result, shape (4, receivers)."""
     results = []
     numbers = zip(result.gains, result.stderrs, strict=True)
     for i, (gain, error) in enumerate(numbers):
@@ -372,9 +383,9 @@ def _under_daylight(scenario: Scenario, result: GainResult) -> NDArray[np.float6
 def transmission_at(
     scenario: Scenario, result: GainResult, i: int
 ) -> tuple[OokLink, Background | None]:
-    """Return the transmission to receiver i behind its channel, and its background, if any.
+    """Return the on-off keying (OOK) to receiver i over its channel, and its background, if any.
 
-    The response of the channel is that of the arrivals that the result recorded.
+    The impulse response of the channel follows from the arrivals that the result recorded.
     """
     # each receiver has its own view of the sky
     link = scenario.link.replace(receiver=scenario.link.receivers[i])
@@ -498,7 +509,7 @@ def _study(
 
     plain = {name: _plain(values) for name, values in parameters.items()}
     config = plain_base(base, plain, daylight_table)
-    # plain data for the workers and the store, also where a class is the user's
+    # text, not objects: a worker reads it once it has imported the modules of the user's classes
     text = tomli_w.dumps(config)
     nm = options.get("wavelengths_nm")
     options = options | {"wavelengths_nm": () if nm is None else tuple(checked_wavelengths(nm))}
@@ -518,7 +529,8 @@ def plain_base(base: Scenario, keys: Iterable[str], daylight_table: Any = None) 
         recipe = daylight_recipe(base.daylight) if daylight_table is None else daylight_table
         config["daylight"] = as_table(recipe, "daylight", "model")
     if base.link.water.spectrum is None and any(map(gives_spectrum, names)):
-        # the description of the water takes the place of its coefficients
+        # a swept description of the water gives its coefficients, which those of the base would
+        # contradict; the bottom does not follow from it
         config["water"] = {k: v for k, v in config["water"].items() if k.startswith("bottom")}
     return config
 
@@ -628,7 +640,7 @@ def read_study(
         table = config.pop("sweep", MISSING)
         if not isinstance(table, dict):
             raise Refused("sweep", table, "a table")
-        keys = "parameters", "realizations", *_SHARED, "wavelengths_nm", "store"
+        keys = "parameters", "realizations", *_OPTIONS_OF_SWEEP, "wavelengths_nm", "store"
         require_keys(table, keys, "sweep")
         store_name = table.pop("store", path.with_suffix(".store").name)
         if not isinstance(store_name, str) or not store_name:
@@ -637,12 +649,13 @@ def read_study(
         raise error.in_file(str(path)) from error.__cause__
     # options that may stand in [run] or in [sweep], which wins
     run = config.get("run", {})
-    shared = {key: run[key] for key in _SHARED if isinstance(run, dict) and key in run}
+    # a [run] that is no table is refused below, by `Scenario.from_config`
+    of_run = {key: run[key] for key in _OPTIONS_OF_SWEEP if isinstance(run, dict) and key in run}
     parameters = dict(_dotted(table.pop("parameters", {})))
     # modules that a file names are code of its author
     with trusting(trust):
         base = base_scenario(Scenario.from_config(config, folder=path.parent), None)
-        study = _study(base, config.get("daylight"), parameters, shared | table)
+        study = _study(base, config.get("daylight"), parameters, of_run | table)
     return study, path.parent / store_name if store is None else Path(store)
 
 
@@ -653,7 +666,7 @@ def base_scenario(
     if isinstance(link, Link):
         # the wind of the sea in the call, or else that of the bubbles and whitecaps
         wind = getattr(sea, "wind_speed", None)
-        wind = link.wind_speed or DEFAULT_WIND_SPEED if wind is None else wind
+        wind = (link.wind_speed or DEFAULT_WIND_SPEED) if wind is None else wind
         default = Scenario.from_config({"wind_speed": wind})
         scenario = default.model_copy(update={"link": link})
     elif isinstance(link, Scenario):
@@ -668,12 +681,12 @@ def base_scenario(
     run = scenario.run
     # a first guess of forced detection, from which each point goes on to its tolerance
     photons = FIRST_CHAINS if isinstance(run.estimator, Forced) else run.photons
-    fields = run.model_dump(exclude={*_SHARED, "threads"}, exclude_none=True)
+    fields = run.model_dump(exclude={*_OPTIONS_OF_SWEEP, "threads"}, exclude_none=True)
     return scenario.model_copy(update={"run": Run.model_validate(fields | {"photons": photons})})
 
 
 def _plain(values: Sequence[Any]) -> list[Any]:
-    """Convert values to plain data: arrays and tuples become lists."""
+    """Convert values to numbers, text and lists as in JSON; arrays and tuples become lists."""
     if isinstance(values, str) or not hasattr(values, "__iter__"):
         raise Refused("parameters", values, "a list of values")
     return list(json.loads(json.dumps(list(values), default=lambda value: value.tolist())))

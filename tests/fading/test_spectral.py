@@ -135,7 +135,7 @@ def test_heights_of_crests_over_time():
     link, sea = mt.Link(), JonswapSea(wind_speed=3.0, fetch=3e3, omega_max=3.5, mss="band")
     lags = np.array([0.0, 0.5, 1.2])
     lever, slopes = spectral.paraxial_lever(link), sea.slope_spectrum(3.5)
-    for heights, q in ((False, 0.0), (True, lever.height)):
+    for heights, q in ((False, 0.0), (True, lever.q)):
         share = (lever.beta * slopes.k + q / slopes.k) ** 2 * slopes.variance
         wanted = (share * np.cos(slopes.omega * lags[:, None])).sum(axis=1)
         found = fading.gain_autocovariance(link, sea, lags, heights=heights)
