@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
@@ -183,8 +183,10 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
             lines += ["", self._range_heading, *self._range_lines()]
         water, *fading_lines = self._origin_lines()
         if "combining" in self.provenance:
-            n, combining = len(self.provenance["link"]["receiver"]), self.provenance["combining"]
-            text = f"{n} receivers combined by {_COMBINING_NAMES[combining]}; gains and powers are"
+            receiver, name = self.provenance["link"]["receiver"], self.provenance["combining"]
+            single = isinstance(receiver, Mapping)  # with pixels
+            which = f"{receiver['pixels'] ** 2} pixels" if single else f"{len(receiver)} receivers"
+            text = f"{which} combined by {_COMBINING_NAMES[name]}; gains and powers are"
             lines += ["", f"{text} those of the first alone with the same reserve"]
         lines += ["", water, f"background light: {self.light}", *self._filters(), *self._tilts()]
         lines += [*self._spreads(), *self._overloads(), *fading_lines, self.status]

@@ -76,6 +76,13 @@ def test_combined_receivers_are_brute_force(combining):
     assert point.outage.value == pytest.approx(missed.mean())
 
 
+def test_the_page_counts_the_pixels_of_a_receiver():
+    """It once counted the keys of the only receiver."""
+    pixels = mt.Link(receiver=mt.Receiver(pixels=3))
+    page = mt.link_performance(pixels, FlatSea(), photons=64).summary()
+    assert "9 pixels combined by maximal ratio" in page
+
+
 def test_two_receivers_over_still_water():
     """Shot noise dominates: the light of both counts; the page says how they are combined."""
     options = {"photons": 128, "realizations": 2, "ook": OokLink(saturation=False)}
