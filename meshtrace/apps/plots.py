@@ -144,15 +144,15 @@ def plot_optimum(o: Optimum, *, ax: Axes | None = None) -> Axes:
 
 
 @check_call
-def plot_design(d: Design, *, light: Period = "day", ax: Axes | None = None) -> Axes:
+def plot_design(d: Design, *, period: Period = "day", ax: Axes | None = None) -> Axes:
     """Plot the reserve over each scanned key, relative to the values of the link.
 
     Parameters
     ----------
     d : Design
         Of `design`.
-    light : {"night", "day"}
-        Light.
+    period : {"night", "day"}
+        Part of the day, with the background light that it has.
     ax : matplotlib Axes, optional
         Axes to draw on.
 
@@ -161,20 +161,20 @@ def plot_design(d: Design, *, light: Period = "day", ax: Axes | None = None) -> 
     Axes
         A curve for each key with the flat range drawn thick; above the line the link closes.
     """
-    require_word(light, PERIODS, "light")
+    require_word(period, PERIODS, "period")
     ax = marks.axes(ax)
     for choice, values, reserves in zip(d.choices, d.scanned, d.reserves, strict=True):
-        if choice.light != light or choice.given == 0.0:
+        if choice.period != period or choice.present == 0.0:
             continue
         shown = np.where(np.isfinite(reserves), reserves, np.nan)
         low, high = choice.flat
         flat = np.where((values >= low) & (values <= high), shown, np.nan)
-        (line,) = ax.plot(values / choice.given, shown, label=label_of(choice.key))
-        ax.plot(values / choice.given, flat, lw=4.0, color=line.get_color(), alpha=0.5)
+        (line,) = ax.plot(values / choice.present, shown, label=label_of(choice.key))
+        ax.plot(values / choice.present, flat, lw=4.0, color=line.get_color(), alpha=0.5)
     ax.axhline(0.0, color=INK, lw=0.8)
-    ax.plot(1.0, d.at(light).reserve, "o", color=INK)
+    ax.plot(1.0, d.at(period).reserve, "o", color=INK)
     marks.finished(
-        ax, xscale="log", xlabel="value over that of the link", ylabel=f"reserve by {light} [dB]"
+        ax, xscale="log", xlabel="value over that of the link", ylabel=f"reserve by {period} [dB]"
     )
     # up to seven curves have no free corner inside the axes
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))

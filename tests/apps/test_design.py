@@ -234,7 +234,7 @@ def test_pulses_spread_by_turbid_water(echo):
     ],
 )
 def test_links_that_would_close(echo, key, off):
-    (value,) = (r.value for r in echo.reach if (r.light, r.key) == ("night", key))
+    (value,) = (r.value for r in echo.reach if (r.period, r.key) == ("night", key))
     changes = {key: value, "detector.preset": "physical"}
     at = mt.Scenario.from_toml(ECHO, changes=changes)
     night = mt.link_performance(at, daylight=mt.Daylight.night(), **SOME).at()
@@ -253,7 +253,7 @@ def test_a_link_that_does_not_close_and_the_nearest_that_does():
     text = page.summary()
     assert "By day: no." in text
     assert "dB short of closing 99 % of the time" in text
-    reach = {r.key: r for r in page.reach if r.light == "day"}
+    reach = {r.key: r for r in page.reach if r.period == "day"}
     depth = reach["transmitter.depth"].value
     assert 0.0 < depth < 20.0
     assert performance(TURBID, transmitter__depth=depth) == pytest.approx(0.0, abs=0.6)
@@ -309,7 +309,7 @@ def test_the_greatest_bit_rate_is_found_where_lower_ones_do_not_close(closing, g
 
 
 def test_reserves_are_of_the_night_or_the_day(calm):
-    with pytest.raises(Refused, match=r"^light: 'noon', allowed: "):
+    with pytest.raises(Refused, match=r"^period: 'noon', allowed: "):
         calm.reserve_together("noon")
 
 

@@ -138,7 +138,7 @@ SOUND = {
     "gain_stderr": None, "wavelength_nm": 470.0, "depth": 5.0, "seed": 1, "mesh": None,
     "wind_speed": 5.0, "power": 1e-9, "x": 0.5, "y": 0.5, "theta": 0.1, "realizations": 2,
     "photons": 64, "confidence": 0.95, "ber": 1e-3, "times": [0.0, 0.5], "omega": 1.0,
-    "progress": None, "wavelengths_nm": None, "light": "night", "bit_rate": 5e6, "extent": 1.0,
+    "progress": None, "wavelengths_nm": None, "period": "night", "bit_rate": 5e6, "extent": 1.0,
     "omega_max": 6.0, "n": 4, "spectrum": JONSWAP, "omega_p": 1.0, "rounds": 1, "resamples": 99,
     "x_axis": AXIS, "y_axis": AXIS, "h_alpha": 1.0, "directions": DOWN, "spacing": 0.5,
     "flight": None, "rate": 0.5, "limit": 1e-3, "value": 1e-3, "wavelength": 470e-9,

@@ -90,7 +90,7 @@ def sound(scene, calm_design, calm_availability):
         )},
         "plot_optimum": {"o": mt.optimize(LINK, FLAT, {"receiver.fov_deg": (10.0, 60.0)}, "gain",
                                           realizations=1, **few)},
-        "plot_design": {"d": calm_design, "light": "day"},
+        "plot_design": {"d": calm_design, "period": "day"},
         "plot_water": {"data": mt.Water.from_type("jerlov-II").spectra()},
         "plot_wavelengths": {"result": mt.simulate(
             LINK.replace("water", mt.Water.from_type("jerlov-II")), FLAT,

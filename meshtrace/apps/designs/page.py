@@ -1,4 +1,4 @@
-"""The page of a link design: verdict, figures by light, best values, reach, budget."""
+"""The page of a link design: verdict, figures by night and day, best values, reach, budget."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ _NAMES = {
 
 
 class Figures(NamedTuple):
-    """Figures of the given link under one light.
+    """Figures of the link by night or by day.
 
     Attributes
     ----------
-    light : str
+    period : str
         "night" or "day".
     about : str
         Background light and its counts.
@@ -53,7 +53,7 @@ class Figures(NamedTuple):
         Rate after hard decisions [bit s-1].
     """
 
-    light: str
+    period: str
     about: str
     outage: tuple[float, float, float]
     ber: tuple[float, float, float]
@@ -64,13 +64,13 @@ class Figures(NamedTuple):
 
 
 class BestValue(NamedTuple):
-    """Best value of one key under one light, all others as given.
+    """Best value of one key by night or by day, all others as they are.
 
     Attributes
     ----------
-    light, key, unit : str
-        Light, key of the link file and unit.
-    given, best : float
+    period, key, unit : str
+        "night" or "day", key of the link file and unit.
+    present, best : float
         Values of the link and of the most reserve; for a bit rate R, of the largest rate
         R (1 - H2(BER)) after hard decisions (`comms.capacity`) that all but the outage carries.
     gained, gained_stderr : float
@@ -82,10 +82,10 @@ class BestValue(NamedTuple):
         Remark.
     """
 
-    light: Period
+    period: Period
     key: str
     unit: str
-    given: float
+    present: float
     best: float
     gained: float
     gained_stderr: float
@@ -94,13 +94,13 @@ class BestValue(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """Value of one key at which the link just closes under one light, all others as given.
+    """Value of one key at which the link just closes by night or by day, all others as they are.
 
     Attributes
     ----------
-    light, key, unit : str
-        Light, key of the link file and unit.
-    given, value : float
+    period, key, unit : str
+        "night" or "day", key of the link file and unit.
+    present, value : float
         Value of the link, and the one at which it closes; nan for none.
     side : str
         "at most" or "at least".
@@ -108,10 +108,10 @@ class Reach(NamedTuple):
         Remark, such as the reserve of a run at the value.
     """
 
-    light: str
+    period: str
     key: str
     unit: str
-    given: float
+    present: float
     value: float
     side: str
     note: str = ""
@@ -150,7 +150,7 @@ class Line(NamedTuple):
     name, unit : str
         Text, and "dBm" or "dB".
     night, day : float
-        Value under either light; a sum of those above for `total`.
+        Value by night or by day; a sum of those above for `total`.
     stderr : float
         Standard error, 0 for numbers of the detector.
     total : bool
@@ -181,7 +181,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
     choices : tuple of BestValue
         Best values, each alone.
     together : tuple of BestValue
-        Best lens, field of view and filter together, by light.
+        Best lens, field of view and filter together, by night and by day.
     reach : tuple of Reach
         Values at which the link just closes.
     budget : tuple of Line
@@ -217,21 +217,21 @@ class Design(Stored, kind="design", title="meshtrace design"):
     spots: tuple[TrackedSpot, ...] = ()
     two_lenses: tuple[TwoLenses, ...] = ()
 
-    def at(self, light: str) -> Figures:
+    def at(self, period: str) -> Figures:
         """Return the figures by "night" or by "day"."""
-        require_word(light, PERIODS, "light")
-        return self.figures[PERIODS.index(light)]
+        require_word(period, PERIODS, "period")
+        return self.figures[PERIODS.index(period)]
 
-    def choice(self, key: str, light: str = DAY) -> BestValue:
+    def choice(self, key: str, period: str = DAY) -> BestValue:
         """Return the best value of a key, alone."""
-        require_word(light, PERIODS, "light")
-        by_key = {choice.key: choice for choice in self.choices if choice.light == light}
+        require_word(period, PERIODS, "period")
+        by_key = {choice.key: choice for choice in self.choices if choice.period == period}
         require_word(key, by_key, "key")
         return by_key[key]
 
-    def closes(self, light: str) -> bool:
-        """Return whether the reserve under a light is at least 0 dB."""
-        return self.at(light).reserve >= 0.0
+    def closes(self, period: str) -> bool:
+        """Return whether the reserve by night or by day is at least 0 dB."""
+        return self.at(period).reserve >= 0.0
 
     def _headline(self) -> str:
         words = (
@@ -243,7 +243,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """Sentences by light: whether it closes, with which optics, and the nearest links that do.
+        """Sentences by night and day: whether it closes, by which optics, and the nearest that do.
 
         Those that belong to the sentence before begin with two spaces.
         """
@@ -265,7 +265,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
 
     def _best_optics(self, period: Period) -> str:
         """Return the best lens, field of view and filter together, and the reserve with them."""
-        best = [value for value in self.together if value.light == period]
+        best = [value for value in self.together if value.period == period]
         left = self.reserve_together(period)
         if math.isnan(left):
             return ""
@@ -284,7 +284,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
         """Describe changes of a single key that would close a link that does not close."""
         if self.closes(period):
             return ""
-        reaches = [reach for reach in self.reach if reach.light == period]
+        reaches = [reach for reach in self.reach if reach.period == period]
         would = [
             f"{_NAMES[r.key.rpartition('.')[2]]} {r.side} {_quantity(r.value, r.unit)}"
             for r in reaches
@@ -299,20 +299,20 @@ class Design(Stored, kind="design", title="meshtrace design"):
             texts.append(f"By {period} any one of these changes would close it: {changes}.")
         return " ".join(texts)
 
-    def reserve_together(self, light: str) -> float:
+    def reserve_together(self, period: str) -> float:
         """Return the reserve with the best lens, field of view and filter [dB]; nan for none."""
-        reserve = self.at(light).reserve
-        gained = [value.gained for value in self.together if value.light == light]
+        reserve = self.at(period).reserve
+        gained = [value.gained for value in self.together if value.period == period]
         return reserve + gained[0] if gained else math.nan
 
     def summary(self) -> str:
         """Return the page as text for a terminal."""
         wrapped = partial(textwrap.fill, width=_WIDTH, subsequent_indent="    ")
-        abouts = (wrapped(f"{f.light}: {f.about}") for f in self.figures)
+        abouts = (wrapped(f"{f.period}: {f.about}") for f in self.figures)
         best = [
             f"BEST VALUES BY {period.upper()}, each alone; flat within 0.5 dB or the error\n"
             "change is of the reserve, for a bit rate of the rate after hard decisions\n\n"
-            f"{_choices_table([choice for choice in self.choices if choice.light == period])}"
+            f"{_choices_table([choice for choice in self.choices if choice.period == period])}"
             for period in PERIODS
         ]
         parts: list[tuple[str, ...]] = [
@@ -336,7 +336,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
                 "capacity")  # fmt: skip
         lines = [
             (
-                f.light,
+                f.period,
                 f"{f.outage[0]:.2g}",
                 f"{f.outage[1]:.2g} .. {f.outage[2]:.2g}",
                 f"{f.ber[0]:.2e}",
@@ -353,8 +353,8 @@ class Design(Stored, kind="design", title="meshtrace design"):
         """Return the table of the best optics and their gain."""
         lines = _by_key(self.together, lambda value: (f"{value.best:.3g}", _range(value.flat)))
         gains = (
-            f"by {value.light} {value.gained:+.1f} dB, "
-            f"reserve {self.reserve_together(value.light):+.1f} +- {value.gained_stderr:.2f} dB "
+            f"by {value.period} {value.gained:+.1f} dB, "
+            f"reserve {self.reserve_together(value.period):+.1f} +- {value.gained_stderr:.2f} dB "
             f"{value.note}"
             for value in self.together[:: len(lines) or 1]
         )
@@ -370,7 +370,7 @@ class Design(Stored, kind="design", title="meshtrace design"):
             note = "" if r.key.endswith(".depth") else f" {r.note}"
             return (f"{r.side} {r.value:.4g}{note}".rstrip(),)
 
-        notes = [f"depth by {r.light}: {r.note}" for r in self.reach
+        notes = [f"depth by {r.period}: {r.note}" for r in self.reach
                  if r.key.endswith(".depth") and r.note]  # fmt: skip
         return [text_table(_by_key(self.reach, cell), ("key", "given", *PERIODS)), *notes]
 
@@ -414,12 +414,12 @@ class Design(Stored, kind="design", title="meshtrace design"):
 
 
 def _by_key(table: Sequence[Row], cell: Callable[[Row], Sequence[str]]) -> list[tuple[str, ...]]:
-    """Return rows of text: key, value of the link, and the cells of each light, "" without one."""
+    """Return rows of text: key, value of the link, cells of night and day, "" without one."""
     lines = []
     for key in dict.fromkeys(value.key for value in table):
-        by_period = {value.light: value for value in table if value.key == key}
+        by_period = {value.period: value for value in table if value.key == key}
         first = next(iter(by_period.values()))
-        row = [_named(key, first.unit), f"{first.given:.4g}"]
+        row = [_named(key, first.unit), f"{first.present:.4g}"]
         for period in PERIODS:
             row += cell(by_period[period]) if period in by_period else [""] * len(cell(first))
         lines.append(tuple(row))
@@ -430,7 +430,7 @@ def _choices_table(choices: Sequence[BestValue]) -> str:
     lines = [
         (
             _named(c.key, c.unit),
-            f"{c.given:.4g}",
+            f"{c.present:.4g}",
             f"{c.best:.4g}",
             _range(c.flat),
             f"{c.gained:+.1f} +- {c.gained_stderr:.2f} dB",

@@ -428,7 +428,7 @@ class _Study(LinkModel):
                   self._bit_rate(period, scans), "at most"),
         ]  # fmt: skip
         for choice, values, reserves in scans:
-            if choice.light == period and choice.key != RATE:
+            if choice.period == period and choice.key != RATE:
                 reaches.append(_closing(choice, values, reserves))
         return reaches
 
@@ -436,7 +436,7 @@ class _Study(LinkModel):
         """Return the greatest bit rate that closes [bit s-1] by bisection, to 1 %; nan for none."""
         # the scan brackets ln(rate) by its last rate that closes and the next one, as noise and
         # echoes may leave rates below that do not; margins of 2 % for its interpolation
-        scan = next(s for s in scans if (s.choice.key, s.choice.light) == (RATE, period))
+        scan = next(s for s in scans if (s.choice.key, s.choice.period) == (RATE, period))
         least, most = np.log(_BIT_RATES)
         rates = np.log(scan.values)
         rates = np.concatenate([[min(least, rates[0])], rates, [max(most, rates[-1])]])

@@ -460,7 +460,7 @@ def design_reading(design: Design) -> dict[str, Any]:
     values, remarks = ("", "given", *PERIODS), []
     for choice in design.choices:
         remarks += [f"{_scale(choice.key, '')[0]}: {choice.note}"] if choice.note else []
-    gained = {c.light: f"{c.gained:+.1f} ± {c.gained_stderr:.1f} dB" for c in design.together}
+    gained = {c.period: f"{c.gained:+.1f} ± {c.gained_stderr:.1f} dB" for c in design.together}
     together = ["Change", "", *(minus(gained.get(period, "–")) for period in PERIODS)]
     tables = (
         ("Figures", ("", *PERIODS), _figures(design)),
@@ -501,7 +501,7 @@ def _by_key(table: Sequence[Any], cell: Callable[[Any, float], str]) -> list[lis
         mine = [value for value in table if value.key == key]
         name, scale = _scale(key, mine[0].unit)
         cells = (minus(cell(value, scale)) for value in mine)
-        lines.append([name, f"{mine[0].given * scale:.3g}", *cells])
+        lines.append([name, f"{mine[0].present * scale:.3g}", *cells])
     return lines
 
 
