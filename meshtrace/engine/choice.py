@@ -65,7 +65,7 @@ _TAIL = 6.0  # variance of aimed samples in long runs over that of their pilots;
 _HALF = 0.5  # chains with less than this share of the light of photons are not trusted
 # Logarithm of the factor by which a pilot may understate a variance, over the relative standard
 # error of its mean. Tails are heavy: at b z = 20, g = 0.9, 1300 chains show a tenth of the variance
-# of 131,000. Tuned on 40 links, six pilots each: less takes chains at g = 0.9, where photons need a
+# of 131,000. Tuned on 43 links, six pilots each: less takes chains at g = 0.9, where photons need a
 # quarter of the time, more takes photons at b z = 30, Fournier-Forand, where chains need half.
 _MISSED_TAIL = 40.0
 _DOUBT = 3.5  # standard errors by which photons may exceed chains: beyond, chains miss light
