@@ -78,13 +78,13 @@ def view(
         from meshtrace.viz import SceneStyle
         from meshtrace.viz import view as show
         from meshtrace.viz.show import require_outputs
+    style = SceneStyle(color=color, edges=edges, extent=extent, spacing=spacing,
+                       window_size=size, transparent=transparent)  # fmt: skip
+    inputs = _subject(file, changes) | opt.without_none(coverage=map_, time=time)
     # before the gain is computed
     outputs = {"screenshot": screenshot, "html": html, "movie": movie, "light": pattern,
                "export": export}  # fmt: skip
     require_outputs(outputs)
-    style = SceneStyle(color=color, edges=edges, extent=extent, spacing=spacing,
-                       window_size=size, transparent=transparent)  # fmt: skip
-    inputs = _subject(file, changes) | opt.without_none(coverage=map_, time=time)
     if daylight is not None:
         sky = mt.Scenario.from_toml("", changes={"daylight.model": daylight}).daylight
         inputs["daylight"] = sky

@@ -41,7 +41,7 @@ def test_chains_may_vary_more_where_photons_scatter_often():
 
 def test_wavelengths_share_chains_where_their_time_and_light_suffice():
     """Less sure chains of a tenth of the time once gave way to photons, eight to a chain."""
-    chains, photons = [pilot(1.0, error, 2400) for error in (0.12, 0.09)], pilot(1.0, 0.06, 2048)
+    chains, photons = [pilot(1.0, error, 2400) for error in (0.12, 0.09)], pilot(1.0, 0.08, 2048)
     expected = np.array([18.0, 12.0])
     assert choice.choose_common(chains, [photons] * 2, expected, 0.1)[0] == ["chains"]
     # light that chains miss at one wavelength

@@ -176,7 +176,7 @@ def test_a_result_names_the_estimator_and_the_samples(tmp_path):
     assert [row.estimator for row in r.scattered] == ["chains", "joined photons"]
     assert all(0 < row.scored <= row.samples for row in r.scattered)
     assert all(0.0 < row.effective <= row.samples for row in r.scattered)
-    assert "16,384 joined photons, " in r.summary()
+    assert "2,048 chains and 16,384 joined photons\n" in r.summary() + "\n"
     assert repr(r).endswith("2,048 chains and 16,384 joined photons>")
     r.save(tmp_path / "r.nc")
     assert mt.GainResult.load(tmp_path / "r.nc").scattered == r.scattered

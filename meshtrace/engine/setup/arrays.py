@@ -248,6 +248,10 @@ def aperture_arrays(link: Link, frame: Frame = IDENTITY) -> Apertures:
     )
 
 
+# Fields of rasters by surface: one serves the water of every wavelength and of neighbouring links.
+_RASTERS = WeakKeyDictionary[Intersector, dict[str, Any]]()
+
+
 def with_raster(medium: Medium, intersector: Intersector) -> Medium:
     """Return the medium with rasters of the mesh's heights, if depths count from the local surface.
 
@@ -256,17 +260,8 @@ def with_raster(medium: Medium, intersector: Intersector) -> Medium:
     """
     if medium.depth_mode != DepthMode.LOCAL:
         return medium
-    if intersector not in _RASTERS:
-        _RASTERS[intersector] = _rasters(intersector)
-    return medium._replace(**_RASTERS[intersector])
-
-
-# by surface: its rasters serve the water of every wavelength and of neighbouring links
-_RASTERS = WeakKeyDictionary[Intersector, dict[str, Any]]()
-
-
-def _rasters(intersector: Intersector) -> dict[str, Any]:
-    """Return the fields of a medium that hold the heights of a surface."""
+    if known := _RASTERS.get(intersector):
+        return medium._replace(**known)
     low, high = intersector.mesh.bounds
     width = float(max(high[0] - low[0], high[1] - low[1]))
     nodes = int(np.clip(width / 0.25, 16, 256))  # along a side; tuned: time and memory
@@ -290,18 +285,18 @@ def _rasters(intersector: Intersector) -> dict[str, Any]:
     start = high[2] + 1.0
     top = heights(intersector.intersect(*rays(start, -1.0)), start, -1.0, 0.0)
     x0, y0 = (float(side) for side in low[:2])
-    fields = {"raster_x": x0, "raster_y": y0, "raster_step": step, "raster": top}
-    if intersector.mesh.single_valued:
-        return fields
-    # a vertical through an overhang meets the sea, the underside of the jet above it, and its top
-    start = low[2] - 1.0
-    lowest = heights(intersector.intersect(*rays(start, 1.0)), start, 1.0, top)
-    start = lowest + 1e-4  # to the underside of the jet, if there is one
-    above = heights(intersector.intersect(*rays(start, 1.0)), start, 1.0, lowest)
-    below = np.where(above > lowest, lowest, top)
-    # the middle of the air under the jet tells points below the sea from those in the jet
-    split = np.where(above > lowest, 0.5 * (lowest + above), top)
-    return fields | {"overhangs": True, "raster_low": below, "raster_split": split}
+    fields: dict[str, Any] = {"raster_x": x0, "raster_y": y0, "raster_step": step, "raster": top}
+    if not intersector.mesh.single_valued:
+        # a vertical through an overhang meets sea, underside of the jet above it, and its top
+        start = low[2] - 1.0
+        lowest = heights(intersector.intersect(*rays(start, 1.0)), start, 1.0, top)
+        start = lowest + 1e-4  # to the underside of the jet, if there is one
+        above = heights(intersector.intersect(*rays(start, 1.0)), start, 1.0, lowest)
+        fields |= {"overhangs": True, "raster_low": np.where(above > lowest, lowest, top)}
+        # the middle of the air under the jet tells points below the sea from those in the jet
+        fields["raster_split"] = np.where(above > lowest, 0.5 * (lowest + above), top)
+    _RASTERS[intersector] = fields
+    return medium._replace(**fields)
 
 
 def medium_arrays(link: Link, crest: float = 0.0) -> Medium:
