@@ -485,6 +485,8 @@ if __name__ == "__main__":
     if arguments[:1] == ["--row"]:
         warnings.simplefilter("ignore")
         print(json.dumps(ROWS[arguments[1]][0]()))
+    elif arguments[:1] == ["--help"]:
+        print(__doc__)
     elif arguments == ["--list"]:
         print(" ".join(ROWS))
     else:
