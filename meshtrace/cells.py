@@ -71,7 +71,7 @@ class Cells:
             return np.array([self._number(row, index, text) for row in range(len(column))])
 
     def _number(self, row: int, index: int, text: str) -> float:
-        """Return a word as a number, nan if it stands for a missing one."""
+        """Parse a number; return nan for the marker of a missing value."""
         word = self.columns[index][row].strip()
         if word.lower() in _MISSING:
             return np.nan
@@ -109,7 +109,7 @@ class Cells:
         return first in (0.0, 1.0) and np.array_equal(values, first + np.arange(len(values)))
 
     def tell(self) -> None:
-        """Warn, in one line, of what was converted or left out."""
+        """Warn once of all conversions and omissions."""
         if self.notes:
             warn_of_input(f"{self.name}: {'; '.join(self.notes)}")
 
@@ -238,7 +238,7 @@ def _separator(line: str) -> str:
 
 
 def _heads(lines_of_words: list[list[str]]) -> int:
-    """Return the number of heading lines: words where the last line has numbers."""
+    """Count the heading lines, which have words in the columns of numbers."""
     of_numbers = [i for i, word in enumerate(lines_of_words[-1]) if _reads(word)]
     # at most two: names and units
     for above, row in enumerate(lines_of_words[:3]):

@@ -326,7 +326,7 @@ class _Limits(NamedTuple):
     words: str = ""  # in place of the range
 
     def allowed(self, words: str) -> str:
-        """Return what is allowed: the words of the limits, the range, or else `words`."""
+        """Describe the allowed values by the limits' own words, their range, or `words`."""
         return self.words or self.range or words
 
     def refused(self, value: Any, words: str) -> Refused:

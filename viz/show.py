@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from ctypes.util import find_library
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -601,8 +602,7 @@ def has_display() -> bool:
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return False
     # VTK falls back to windows in memory, of these classes, where no display answers
-    kind = _window_class(off_screen=False)
-    return "EGL" not in kind and "OSOpenGL" not in kind
+    return not any(kind in _window_class(off_screen=False) for kind in ("EGL", "OSOpenGL"))
 
 
 def can_draw() -> bool:
@@ -610,11 +610,11 @@ def can_draw() -> bool:
 
     Without a display and EGL the last resort of VTK is OSMesa, which it does not bring along.
     """
-    if not sys.platform.startswith("linux"):
-        return True
-    return "OSOpenGL" not in _window_class(off_screen=True) or find_library("OSMesa") is not None
+    crashes = sys.platform.startswith("linux") and "OSOpenGL" in _window_class(off_screen=True)
+    return not crashes or find_library("OSMesa") is not None
 
 
+@cache  # a view asks twice: the command before its work, and `view` itself
 def _window_class(off_screen: bool) -> str:
     """Return the class of the windows of VTK."""
     with pv.vtk_verbosity("off"):

@@ -281,7 +281,7 @@ class SunRay:
         return self.entering * math.exp(-self.water.c / self.inside[2] * depth)
 
     def entry(self, depth: float) -> tuple[float, float]:
-        """Return the point x, y [m] of the surface where the ray to x = y = 0 at a depth enters."""
+        """Return the entry point x, y [m] at the surface of the ray to x = y = 0 at a depth."""
         x, y, z = self.inside.tolist()
         return depth * x / z, depth * y / z
 

@@ -224,7 +224,7 @@ def _step_words(name: str) -> str:
 
 
 def _with_error(change: float, error: float) -> str:
-    """Return a change [dB] with its standard error, none where it is exact, in hundredths."""
+    """Format a change [dB] to hundredths, with its standard error unless it is exact."""
     text = minus(f"{change:+.2f}")
     return f"{text} ± {max(error, 0.01):.2f} dB" if error > 0.0 else f"{text} dB"
 
