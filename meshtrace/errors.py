@@ -15,8 +15,9 @@ import re
 import stat
 import sys
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Any, get_args
@@ -46,6 +47,11 @@ class Described(str):
 
 MISSING = Described("missing")
 """Sentinel for a missing value."""
+
+# inside `hinting_at`
+_OTHER_TABLES: ContextVar[Callable[[], Iterable[str]] | None] = ContextVar(
+    "other_tables", default=None
+)
 
 
 class Refused(ValueError):
@@ -161,17 +167,28 @@ def refusing(field: str, allowed: str) -> Iterator[None]:
         raise Refused(field, Described(reason_of(error)), allowed) from error
 
 
-def require_keys(
-    table: Mapping[str, Any], keys: Iterable[str], path: str = "", elsewhere: Iterable[str] = ()
-) -> None:
-    """Require a table with no keys other than `keys`; `elsewhere` are dotted ones, for the hint."""
+@contextmanager
+def hinting_at(dotted: Callable[[], Iterable[str]]) -> Iterator[None]:
+    """Let refusals of unknown keys in a block name keys of other tables, such as receiver.height.
+
+    In nested blocks the outermost knows the whole paths, and alone is asked.
+    """
+    token = _OTHER_TABLES.set(_OTHER_TABLES.get() or dotted)
+    try:
+        yield
+    finally:
+        _OTHER_TABLES.reset(token)
+
+
+def require_keys(table: Mapping[str, Any], keys: Iterable[str], path: str = "") -> None:
+    """Require a table with no keys other than `keys`."""
     if not isinstance(table, Mapping):
         raise Refused(path, Described(type(table).__name__), "a table")
     for key, value in table.items():
         if key not in keys:
-            hint = (
-                f"no such key, {did_you_mean(key, keys) or did_you_mean(key, elsewhere)}".rstrip()
-            )
+            dotted = _OTHER_TABLES.get() or tuple
+            meant = did_you_mean(key, keys) or did_you_mean(key, dotted())
+            hint = f"no such key, {meant}".rstrip()
             raise Refused(join_path(path, key), value, ", ".join(keys), hint)
 
 

@@ -50,6 +50,7 @@ from meshtrace.errors import (
     Described,
     Refused,
     did_you_mean,
+    hinting_at,
     require_array,
     require_keys,
     require_number,
@@ -454,7 +455,8 @@ def _refuse_first(error: pydantic.ValidationError, cls: type[Model]) -> NoReturn
             for key in type(part).model_fields
         ]
         unknown = {str(first["loc"][0]): first["input"]}
-        require_keys(unknown, [*cls.model_fields, *aliases], elsewhere=inner)
+        with hinting_at(lambda: inner):
+            require_keys(unknown, [*cls.model_fields, *aliases])
     refuse(first, cls.__name__, list(first["loc"]), cls)
 
 

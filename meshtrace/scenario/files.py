@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
 
 from meshtrace.checks import check_call
-from meshtrace.errors import Described, Refused, did_you_mean, require_keys, within
+from meshtrace.errors import Described, Refused, require_keys, within
 from meshtrace.models import Model
 
 M = TypeVar("M", bound=Model)
@@ -138,18 +137,6 @@ def dotted(tables: Mapping[str, Any], path: str = "") -> Iterator[str]:
         yield name
         if isinstance(value, Mapping):
             yield from dotted(value, f"{name}.")
-
-
-@contextmanager
-def naming_other_tables(keys: Callable[[], Iterable[str]]) -> Iterator[None]:
-    """Add the dotted keys of other tables with the name of a key that is refused as unknown."""
-    try:
-        yield
-    except Refused as error:
-        if error.hint != "no such key,":
-            raise
-        hint = f"{error.hint} {did_you_mean(error.field.rpartition('.')[2], keys())}".rstrip()
-        raise Refused(error.field, error.value, error.allowed, hint) from error.__cause__
 
 
 def with_unset_keys(text: str, more: str) -> str:

@@ -15,7 +15,14 @@ from meshtrace.engine.setup.ends import resolved_reach
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Case, Estimator, Meshing, Run
 from meshtrace.engine.simulate import simulate
-from meshtrace.errors import Described, Refused, require_between, require_keys, within
+from meshtrace.errors import (
+    Described,
+    Refused,
+    hinting_at,
+    require_between,
+    require_keys,
+    within,
+)
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.models import Model, converted, trusting
@@ -196,7 +203,7 @@ class Scenario(Model, frozen=True):
         """
         if not isinstance(config, Mapping):
             raise Refused("config", config, "a table")
-        with trusting(trust), files.naming_other_tables(cls._keys):
+        with trusting(trust), hinting_at(cls._keys):
             require_keys(config, files.KEYS)
             # bare words (bubbles = "none") and relative paths are resolved here, in a copy: the
             # functions that read the tables see neither
@@ -267,7 +274,8 @@ class Scenario(Model, frozen=True):
         unset = (f"{name}.{line.partition(' = ')[0]}" for name, lines in files.unset_keys().items()
                  for line in lines)  # fmt: skip
         # from the last, as the lamp is meant more often than sea and bubbles, which come before it
-        return [*reversed([*files.dotted(cls.from_toml("").to_config())]), *unset]
+        config = cls.from_toml("").to_config()
+        return [*dict.fromkeys([*reversed([*files.dotted(config)]), *unset])]
 
     def to_config(self) -> files.Table:
         """Return the full configuration as plain data with the keys of a link file.

@@ -451,6 +451,28 @@ def test_unknown_keys_name_the_nearest(text, path, near):
     assert f"no such key, did you mean {near}" in message
 
 
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("depth = 3.0", "transmitter.depth or bubbles.depth"),
+        ("[receiver]\ndepth = 3.0", "transmitter.depth or bubbles.depth"),
+        ("[transmitter]\nheight = 3.0", "receiver.height"),
+        ("[water.phase]\nchlorophyll = 3.0", "water.chlorophyll"),
+        ("[water]\nspectrm = 3", "sea.spectrum"),
+    ],
+)
+def test_unknown_keys_name_those_of_other_tables(text, meant):
+    assert f", no such key, did you mean {meant}? allowed: " in problem(text)
+
+
+@pytest.mark.parametrize("build", [mt.Link, mt.Link().replace])
+def test_unknown_fields_name_those_of_parts(build):
+    with pytest.raises(
+        Refused, match=r"^depth: 3\.0, no such key, did you mean transmitter\.depth\?"
+    ):
+        build(depth=3.0)
+
+
 def test_bad_toml_names_the_line():
     assert "(at line 2, column 5)" in problem("wind_speed = 5.0\n[sea\n")
 
