@@ -49,9 +49,7 @@ MISSING = Described("missing")
 """Sentinel for a missing value."""
 
 # inside `hinting_at`
-_OTHER_TABLES: ContextVar[Callable[[], Iterable[str]] | None] = ContextVar(
-    "other_tables", default=None
-)
+_OTHER_TABLES = ContextVar[Callable[[], Iterable[str]] | None]("other_tables", default=None)
 
 
 class Refused(ValueError):
@@ -519,6 +517,17 @@ def in_ranges(lines: Iterable[str]) -> list[str]:
     return merged
 
 
+def warn(text: str, category: type[Warning] = UserWarning) -> None:
+    """Warn at the user's line that calls the package: the one that can be changed."""
+    level, frame = 2, sys._getframe(1)
+    # parts are built inside of pydantic, and blocks end inside of contextlib
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in (
+        "meshtrace", "pydantic", "contextlib"
+    ):  # fmt: skip
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, category, stacklevel=level)
+
+
 def reason_of(error: Exception) -> str:
     """Return the text of an error as one line, or the name of its type if it has none."""
     return one_line(error) or type(error).__name__
@@ -529,12 +538,8 @@ class InputWarning(UserWarning):
 
 
 def warn_of_input(text: str) -> None:
-    """Warn in one line of a conversion of input, at the user's line that calls the package."""
-    level, frame = 2, sys._getframe(1)
-    inside = ("meshtrace", "pydantic", "contextlib")
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(inside):
-        level, frame = level + 1, frame.f_back
-    warnings.warn(one_line(text), InputWarning, stacklevel=level)
+    """Warn in one line of a conversion of input."""
+    warn(one_line(text), InputWarning)
 
 
 class DomainWarning(UserWarning):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
-import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -17,7 +16,7 @@ from threading import Lock, local
 from time import monotonic, thread_time
 from typing import Any, ParamSpec, TypeVar
 
-from meshtrace.errors import require_whole
+from meshtrace.errors import require_whole, warn
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -264,7 +263,7 @@ class LongWork(UserWarning):
 def announce(seconds: float, work: str, least: float = LONG) -> None:
     """Warn of a computation expected to take more than `least` seconds."""
     if seconds > least:
-        warnings.warn(f"{work}: about {duration(seconds)}", LongWork, stacklevel=2)
+        warn(f"{work}: about {duration(seconds)}", LongWork)
 
 
 class Pace:

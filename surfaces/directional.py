@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import warnings
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from meshtrace.checks import check_call
-from meshtrace.errors import DomainWarning, Refused
+from meshtrace.errors import DomainWarning, Refused, warn
 
 from .parameters import Floats, Mss
 from .seas import MeasuredSea
@@ -196,4 +195,4 @@ def _warn_of_missing_slopes(sea: MeasuredSea) -> None:
         resolved = sum(components_slope_variance(sea.components))
         missing = 100.0 * max(0.0, 1.0 - resolved / sum(cox_munk(sea.wind_speed)))
         text = f"source: {end}, beyond which {missing:.0f} % of the slope variance lies: {advice}"
-    warnings.warn(text, DomainWarning, stacklevel=3)
+    warn(text, DomainWarning)

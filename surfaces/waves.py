@@ -9,7 +9,6 @@ surface tension, omega^2 = (g k + T k^3) tanh(k depth).
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from functools import cache, cached_property, lru_cache
 from importlib.util import find_spec
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.checks import check_call
-from meshtrace.errors import Described, Refused
+from meshtrace.errors import Described, Refused, warn
 
 from .parameters import DEPTH, Floats, finite_array, points
 
@@ -531,7 +530,7 @@ def _has_finufft() -> bool:
     """Return whether finufft is installed; warn, once per process, if it is not."""
     if find_spec("finufft"):
         return True
-    warnings.warn("finufft is not installed: many waves are summed directly", stacklevel=2)
+    warn("finufft is not installed: many waves are summed directly")
     return False
 
 

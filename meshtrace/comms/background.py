@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from itertools import pairwise
 from typing import Annotated
 
@@ -13,6 +12,7 @@ from pydantic import Field
 from meshtrace.checks import ErrorRate, check_call
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.spectra import Curve
+from meshtrace.errors import warn
 from meshtrace.results.daylight import Background
 
 MOST_BIAS_CURRENT = 10e-3
@@ -110,7 +110,7 @@ def warn_of_background(ook: OokLink, background: Background) -> None:
             f"{1e3 * current:.3g} mA of bias current through the SiPM: narrow the filter"
         )
     for text in texts:
-        warnings.warn(text, DaylightWarning, stacklevel=3)
+        warn(text, DaylightWarning)
 
 
 @check_call

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -19,7 +18,7 @@ from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.setup import options
 from meshtrace.engine.setup.options import Analog, Case, Record
-from meshtrace.errors import DomainWarning
+from meshtrace.errors import DomainWarning, warn
 from meshtrace.kernels.tally import REFLECTED, SCATTERED
 from meshtrace.link import Link
 from meshtrace.link.link import SAME_SIDE
@@ -56,14 +55,6 @@ _SMALL = 0.01  # share of the gain below which its scattered part does not matte
 
 class FewSamplesWarning(UserWarning):
     """Small effective sample size: the error of a gain may exceed its standard error."""
-
-
-def _warn(text: str, category: type[Warning] = DomainWarning) -> None:
-    """Warn with the location of the user's call: the line that can be changed."""
-    level, frame = 2, sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals["__name__"].startswith("meshtrace"):
-        level, frame = level + 1, frame.f_back
-    warnings.warn(text, category, stacklevel=level)
 
 
 def per_receiver(link: Link, array: Floats) -> Any:
@@ -277,7 +268,7 @@ def warn_of_chains(chains: ForcedDetection, usual: Sequence[Method]) -> None:
     counted = _that_matter(samples, gains.parts[SCATTERED], gains.gain)
     worse = [r for r, method in enumerate(usual) if method != "chains"]
     for r in worse:
-        _warn(
+        warn(
             f"receiver {r}: light arrives by large angles or many scatterings, or from a narrow "
             "beam; scattering chains miss part of it, for which `simulate` uses "
             f"{usual[r]} photons",
@@ -290,7 +281,7 @@ def warn_of_chains(chains: ForcedDetection, usual: Sequence[Method]) -> None:
 def _warn_of_few(counted: list[tuple[int, ScatteredSamples, float]], where: str = "") -> None:
     for r, row, _ in counted:
         if _is_few(row):
-            _warn(
+            warn(
                 f"{where}receiver {r}: {row.scored:,} of {row.samples:,} {row.estimator} "
                 f"contribute, effective sample size {row.effective:.0f}: the error may exceed the "
                 "standard error, and the gain has an upper bound",
@@ -332,10 +323,11 @@ def warn_of_cut_short(result: GainResult) -> None:
     """Warn of unscattered light whose quadrature was stopped before it converged."""
     pairs = 0 if result.chains is None else result.chains.cut_short
     if pairs:
-        _warn(
+        warn(
             f"unscattered light of {pairs} pair{'s' * (pairs > 1)} of a source and a receiver took "
             "too long to be integrated finely; its error is part of the standard error: a wider "
             'view, a smaller aperture or estimator="analog" lowers it',
+            DomainWarning,
         )
 
 
@@ -348,9 +340,10 @@ def warn_of_omitted(link: Link, gain: Floats, returned: Floats | None = None) ->
     # to one digit: the closed-form estimate is good to a factor of 3
     for r in np.flatnonzero(counts(returned, gain)):
         percent = float(f"{100.0 * returned[r] / (gain[r] + returned[r]):.1g}")
-        _warn(
+        warn(
             f"receiver {r}: about {percent:g} % of the light leaves the water after a reflection "
             'at the surface, which is omitted here: estimator="analog" follows it',
+            DomainWarning,
         )
 
 
@@ -367,19 +360,21 @@ def warn_of_mesh(result: GainResult, case: Case, mesh: TriangleMesh) -> None:
                 first, second = mesh.vertices[mesh.faces[:, 0]], mesh.vertices[mesh.faces[:, 1]]
                 shortest = float(np.linalg.norm((second - first)[:, :2], axis=1).min())
                 cure = f"a spacing below {math.sqrt(limit / error) * shortest:.2g} m"
-            _warn(
+            warn(
                 f"receiver {r}: the mesh causes an error of about "
                 f"{100.0 * error / result.gains[r]:.2g} % of the gain, more than the standard "
                 f"error: {cure} lowers it",
+                DomainWarning,
             )
 
 
 def warn_of_cut(cut: Floats) -> None:
     """Warn of a mesh that cuts off a share of the light to a receiver."""
     for r in np.flatnonzero(cut > LEFT_DOMAIN_WARNING):
-        _warn(
+        warn(
             f"receiver {r}: the mesh cuts off {100.0 * cut[r]:.2g} % of the light (flat sea; limit "
             f"{100.0 * LEFT_DOMAIN_WARNING:g} %): enlarge extent",
+            DomainWarning,
         )
 
 
@@ -414,14 +409,16 @@ def warn_of_lost(result: GainResult) -> None:
     """Warn of analog photons that left the mesh sideways or through holes."""
     left = result.fates["left_domain"].weight
     if left > LEFT_DOMAIN_WARNING:
-        _warn(
+        warn(
             f"{100.0 * left:.2g} % of the launched weight left the meshed surface sideways (limit "
             f"{100.0 * LEFT_DOMAIN_WARNING:g} %): enlarge extent",
+            DomainWarning,
         )
     if result.rays_lost:
-        _warn(
+        warn(
             f"{result.rays_lost} photons missed the surface inside the mesh twice: the mesh may "
             "have holes",
+            DomainWarning,
         )
 
 
@@ -451,7 +448,8 @@ def warn_of_dark_map(
     if in_front > 0.0:
         share = in_front / behind_map.irradiance.sum()
         received = f"received {share:.2g} of the light that comes from behind it"
-    _warn(
+    warn(
         f"the map at {grid.height:g} m {received}: its axis {grid.axis} is the direction in which "
         f"light arrives, within {grid.fov_deg / 2.0:g} deg; light that goes down needs (0, 0, -1)",
+        DomainWarning,
     )

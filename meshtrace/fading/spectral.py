@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Annotated, Any, NamedTuple
@@ -21,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meshtrace.checks import Infinite, check_call, check_methods
-from meshtrace.errors import Described, Refused, require_array, require_between
+from meshtrace.errors import Described, Refused, require_array, require_between, warn
 from meshtrace.mesh import PlaneSurface, require_surface
 from meshtrace.models import Floats, Model
 from meshtrace.quadrature import gauss_legendre
@@ -576,7 +575,7 @@ def open_for_fading(link: Any, surface: Any) -> Any:
             return surface if opened is None else _resolved(link, opened, within)
         except Refused as error:
             reason = str(error)  # of the wider tolerance, which is the last word
-    warnings.warn(f"the fading of short waves is left out: {reason}", stacklevel=3)
+    warn(f"the fading of short waves is left out: {reason}")
     return surface
 
 

@@ -13,7 +13,6 @@ import json
 import logging
 import os
 import re
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
@@ -25,7 +24,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from meshtrace.checks import RangedArray, check_call
-from meshtrace.errors import Described, Refused, refusing, require_range
+from meshtrace.errors import Described, Refused, refusing, require_range, warn
 from meshtrace.files import atomic, cache_directory, make_private
 from meshtrace.models import Floats
 from meshtrace.optics.phase import HistogramPhase
@@ -369,7 +368,7 @@ def cached_table(
                 with file.open("rb") as stream:
                     return _read(stream, text)
             except Exception as why:  # numpy and zipfile raise any exception
-                warnings.warn(f"{file}: damaged, computed again ({why})", stacklevel=2)
+                warn(f"{file}: damaged, computed again ({why})")
     _LOG.info("computing the Mie table %s (about 10 s, once)", name)
     allowed = "a function without arguments that returns a MieTable"
     with refusing("compute", allowed):
@@ -381,7 +380,7 @@ def cached_table(
         with atomic(cached) as temporary, temporary.open("wb") as stream:
             np.savez(stream, inputs=np.array(text), **asdict(table))
     except OSError as why:
-        warnings.warn(f"{cached}: not kept ({why})", stacklevel=2)
+        warn(f"{cached}: not kept ({why})")
     return table
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
@@ -17,7 +16,14 @@ from meshtrace.checks import Shape, check_call
 from meshtrace.comms.background import DARK, warn_of_background, with_background
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import Described, Refused, require_between, require_finite, require_whole
+from meshtrace.errors import (
+    Described,
+    Refused,
+    require_between,
+    require_finite,
+    require_whole,
+    warn,
+)
 from meshtrace.fading.spectral import band_fading
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
@@ -491,5 +497,5 @@ def both_directions(up: Campaign, down: Campaign) -> Campaign:
             f"give it a scintillation index of {fading.index_of_band:.2g}, all waves "
             f"{fading.index_of_all:.2g}; for its fading use waves = {fading.needed:.4g}"
         )
-        warnings.warn(text, stacklevel=3)
+        warn(text)
     return up._replace(links={"up": up.link, "down": down.link})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from threading import Lock
@@ -30,7 +29,7 @@ from meshtrace.engine.setup.arrays import frame_of
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
 from meshtrace.engine.setup.options import Analog, IrradianceMap, RunOptions, StudyOptions, resolve
 from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths, clearest, photon_paths, scattering
-from meshtrace.errors import Described, Refused, require_between, require_finite
+from meshtrace.errors import Described, Refused, require_between, require_finite, warn
 from meshtrace.kernels.tints import ALONE
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.link.link import SAME_SIDE
@@ -533,8 +532,7 @@ class _Mapped(Restored):
             cells = int((relative_errors(gain, stderr) > rtol).sum())
             if cells:
                 text = f"rtol: {cells} of {gain.size} cells have not reached {rtol:g}"
-                # 5: from here by `run`, `coverage_map` and its decorator to the line of the caller
-                warnings.warn(f"{text} with the most samples", FewSamplesWarning, stacklevel=5)
+                warn(f"{text} with the most samples", FewSamplesWarning)
             bound = self._bound(link, gain, stderr, sum(tally.photons for tally in sums))
         campaign, axis = self._campaign, self._grid.axes
         meshing = campaign.meshing.replace(time=self.times[0]).model_dump()

@@ -565,13 +565,15 @@ def _over_depths(
     seas = ensemble.n if isinstance(campaign.surface, SeededSurface) else 1
     shallowest = next(iter(fades.values()))
     first = next(iter(links.values()))
-    provenance = shallowest.series.provenance
-    provenance = provenance | closed_form(first, campaign.surface, seas, level=2)
-    provenance |= {
-        "ook": [ook.model_dump(mode="json") for ook in ooks],
-        "daylight": day.model_dump(mode="json") if day else None,
-        "responses": [response and response.model_dump(mode="json") for response in responses],
-    }
+    provenance = (
+        shallowest.series.provenance
+        | closed_form(first, campaign.surface, seas)
+        | {
+            "ook": [ook.model_dump(mode="json") for ook in ooks],
+            "daylight": day.model_dump(mode="json") if day else None,
+            "responses": [response and response.model_dump(mode="json") for response in responses],
+        }
+    )
     if ensemble.array is not None:
         provenance["combining"] = ensemble.array.combining
     provenance |= ensemble.provenance() | {"tilt_outage": shallowest.tilt.outage}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from typing import Annotated, Any, Unpack
 
@@ -12,7 +11,7 @@ from pydantic import Field
 
 from meshtrace.checks import Inside, check_call
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import Refused, require_finite
+from meshtrace.errors import Refused, require_finite, warn
 from meshtrace.fading.spectral import band_fading
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SurfaceModel
@@ -187,17 +186,14 @@ def over_realizations(campaign: Campaign, n: int) -> GainSeries:
     return gain_series(campaign, steps, campaign.gains(steps))
 
 
-def closed_form(link: Link, surface: Any, n: int, level: int = 3) -> dict[str, Any]:
-    """Return `fading.band_fading` as plain data, empty below 50 surfaces; warn of a short band.
-
-    `level` is the stack level of the warning.
-    """
+def closed_form(link: Link, surface: Any, n: int) -> dict[str, Any]:
+    """Return `fading.band_fading` as plain data, empty below 50 surfaces; warn of a short band."""
     fading = band_fading(link, surface) if n >= _STATISTICS else None
     if fading is None:
         return {}
     text = fading.warning(link.direction == "down")
     if text:
-        warnings.warn(text, stacklevel=level + 1)
+        warn(text)
     return {"closed_form": fading._asdict()}
 
 

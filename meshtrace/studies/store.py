@@ -14,7 +14,6 @@ import operator
 import os
 import socket
 import time
-import warnings
 from base64 import b64decode, b64encode
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -26,7 +25,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Described, Refused, one_line, show
+from meshtrace.errors import Described, Refused, one_line, show, warn
 from meshtrace.files import atomic
 from meshtrace.kernels.jit import sources
 from meshtrace.models import Floats
@@ -231,7 +230,7 @@ class Store:
         damaged = sum(line.endswith(b"\n") for line in lines) - len(sound)
         if damaged:
             what = f"{damaged} damaged line{'s' * (damaged > 1)}"
-            warnings.warn(f"{self.path}: {what}, the items are computed again", stacklevel=2)
+            warn(f"{self.path}: {what}, the items are computed again")
         if len(sound) < len(lines):
             # lines that were read before are sound
             before = self.path.read_bytes()[: self._end]

@@ -244,8 +244,10 @@ def test_links_without_an_image_take_photons_for_all_light(link):
 def test_cells_above_the_tolerance_warn(physics, monkeypatch):
     monkeypatch.setattr(mt.Analog, "most_photons", 4096)
     link = mt.Link(receiver=mt.Receiver(radius=0.5), physics=physics)
-    with pytest.warns(mt.FewSamplesWarning, match="rtol: 4 of 4 cells have not reached 1e-06"):
+    text = "rtol: 4 of 4 cells have not reached 1e-06"
+    with pytest.warns(mt.FewSamplesWarning, match=text) as caught:
         mt.coverage_map(link, STILL, 1.0, 1.0, photons=64, rtol=1e-6, threads=1)
+    assert {warning.filename for warning in caught} == {__file__}
 
 
 def test_a_map_without_any_light_is_given_up():

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import math
-import warnings
 from typing import Any
 
 import numpy as np
 
 from meshtrace.engine.setup.options import Meshing
-from meshtrace.errors import Described, DomainWarning, Refused
+from meshtrace.errors import Described, DomainWarning, Refused, warn
 from meshtrace.link import Link, WaterAperture
 from meshtrace.link.link import Footprint
 from meshtrace.link.sources import WaterSource
@@ -234,12 +233,11 @@ def _resolving(
         # Nyquist: lines resolve waves of k h <= pi
         short = float(slopes[np.sqrt(k2) * f.spacing > math.pi].sum() / slopes.sum())
         if short > _TOO_SHORT:
-            warnings.warn(
+            warn(
                 f"{100.0 * short:.2g} % of the slope variance is that of waves shorter than two "
                 f"spacings of the mesh, {f.spacing:g} m: the gain is in doubt; a lower omega_max "
                 "leaves short waves to random slopes",
                 DomainWarning,
-                stacklevel=4,
             )
         return f
     # the centre moves to that of the patch: widened, to cover the former footprint still
