@@ -30,7 +30,7 @@ from yarl import URL
 from meshtrace.apps.explorer import controls, readings, stages
 from meshtrace.apps.explorer.controls import BY_NAME, CHOICES, STARTS, State, groups
 from meshtrace.apps.explorer.scene import COLORS, LiveScene
-from meshtrace.apps.explorer.stages import STAGES, Session
+from meshtrace.apps.explorer.session import STAGES, Failed, Session
 from meshtrace.errors import Refused, one_line
 from meshtrace.scenario import Scenario
 from meshtrace.viz import live
@@ -429,7 +429,7 @@ class Page:
     def _shown(self, name: str) -> Any:
         """Return the answer of a stage to the present state; None if it is missing or failed."""
         answer = self.session.answer(name) if self.session.fresh(name) else None
-        return None if isinstance(answer, stages.Failed) else answer
+        return None if isinstance(answer, Failed) else answer
 
     def _answered(self, name: str) -> None:
         """Show an answer; called in the thread of the work."""

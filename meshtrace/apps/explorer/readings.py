@@ -19,15 +19,9 @@ from meshtrace import CoverageMap, surfaces
 from meshtrace.apps.designs.page import PERIODS, BestValue, Design, Reach
 from meshtrace.apps.explorer import stages
 from meshtrace.apps.explorer.controls import BY_NAME, CHOICES, STARTS, State, in_words
-from meshtrace.apps.explorer.stages import (
-    DURATION,
-    FADING_RATE,
-    LIMIT,
-    Fading,
-    Failed,
-    Session,
-    Signal,
-)
+from meshtrace.apps.explorer.influences import STEPS
+from meshtrace.apps.explorer.session import Failed, Session
+from meshtrace.apps.explorer.stages import DURATION, FADING_RATE, LIMIT, Fading, Signal
 from meshtrace.comms import OokLink
 from meshtrace.comms.budget import link_budget
 from meshtrace.daylight import Daylight
@@ -219,7 +213,7 @@ def _step_words(name: str) -> str:
     ('+1 m/s of wind', '+10 % of bit rate')
     """
     control = BY_NAME[name]
-    step = f"{stages.STEPS[name]:g} {control.unit}" if name in stages.STEPS else "10 %"
+    step = f"{STEPS[name]:g} {control.unit}" if name in STEPS else "10 %"
     return f"+{step} of {control.label[0].lower()}{control.label[1:]}"
 
 

@@ -1,8 +1,7 @@
-"""Answers of the explorer in stages: gain and bits, rays, fading, map; the session of a user.
+"""Answers of the explorer in stages: gain and bits, rays, fading, map and design.
 
 Each stage yields its answer several times, more precise each time, and calls `check` between its
-steps, which raises where a newer move has made the answer useless. The session has the state of its
-user and a thread that answers the newest move.
+steps, which raises where a newer move has made the answer useless.
 """
 
 from __future__ import annotations
@@ -11,12 +10,8 @@ import asyncio
 import math
 import os
 import threading
-import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from concurrent import futures
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -35,16 +30,14 @@ from meshtrace import (
     PhotonPaths,
     SurfaceModel,
     background,
-    compare,
     impulse_response,
     simulate,
     trace_paths,
 )
 from meshtrace.apps.designs.page import Design
-from meshtrace.apps.explorer.controls import BITS_ALONE, State, begun_at
+from meshtrace.apps.explorer.controls import State, begun_at
 from meshtrace.comms import ChannelResponse, OokLink
 from meshtrace.comms.background import warn_of_background, with_background
-from meshtrace.comms.budget import link_budget
 from meshtrace.errors import Described, Refused, one_line
 from meshtrace.fading import Estimate, block_length, scintillation_index, scintillation_of_spectrum
 from meshtrace.link import Link
@@ -87,35 +80,6 @@ MAP_CELLS = 41  # along an axis; odd: one is in the middle
 
 LIMIT = 1e-3
 """Bit error rate that the margin refers to."""
-
-INPUTS = (
-    "power",
-    "pde",
-    "bit_rate",
-    "filter",
-    "depth",
-    "a",
-    "half_angle",
-    "fov",
-    "height",
-    "wind",
-    "wavelength",
-    "b",
-    "tilt",
-    "offset_x",
-    "chlorophyll",
-    "aperture",
-    "fetch",
-)
-"""Controls whose influence on the margin is computed; those that matter seldom come last."""
-
-STEPS = {"wind": 1.0, "offset_x": 1.0, "tilt": 5.0, "wavelength": 10.0}
-"""Steps of inputs whose value may be 0, in the units of the page; of others it is 10 %."""
-
-_COMPARED = (1024, 50_000)  # chains and photons of a pair of gains, of a tenth of a second
-_OF_SEA = ("wind", "fetch")  # inputs that change the waves themselves, and with them each crest
-_SEAS = 8  # over which their influence is averaged: over one sea it would be that of its phases
-_LONGEST = 20.0  # after which no further input is tried [s]
 
 _WARNINGS = threading.Lock()  # the list of caught warnings belongs to the process
 
@@ -168,26 +132,6 @@ class Fading:
     index_of_all: float | None = None
 
 
-class Influence(NamedTuple):
-    """Change of the margin with a step of one control.
-
-    Attributes
-    ----------
-    name : str
-        Name of the control.
-    change, stderr : float
-        Change of the optical margin and its standard error [dB].
-    """
-
-    name: str
-    change: float
-    stderr: float
-
-
-class Failed(str):
-    """Reason for the lack of an answer of a stage."""
-
-
 def gains(state: State, check: Check) -> Iterator[Signal]:
     """Compute gain and bit error rate at the time of the state; yield a rough, then a fine answer.
 
@@ -201,20 +145,20 @@ def gains(state: State, check: Check) -> Iterator[Signal]:
         check()
         # the rough gain shall be fast, and its few arrivals would make a noisy response
         record = [Arrivals()] if photons == fine else []
-        gain, notes = _with_warnings(partial(
+        gain, notes = with_warnings(partial(
             simulate, state.channel, time=state.time, photons=photons, record=record,
             progress=check,
         ))  # fmt: skip
         yield Signal(gain, notes)
         if len(state.scenario.link.receivers) == 1:
-            sky_light = sky_light or _with_warnings(partial(_light, state))
-            detector, more = _with_warnings(partial(_detector, state, gain, sky_light[0]))
+            sky_light = sky_light or with_warnings(partial(light_above, state))
+            detector, more = with_warnings(partial(_detector, state, gain, sky_light[0]))
             ber = float(detector.ber(detector.received_power(float(gain.gain))))
             notes = notes + sky_light[1] + more + _tilt_notes(state)
             yield Signal(gain, notes, day.light if day else "", detector, ber)
 
 
-def _with_warnings(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
+def with_warnings(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
     """Call a function; return its result and the texts of its warnings."""
     # the page shows them as notes beside the gain; none goes to the console
     with _WARNINGS, warnings.catch_warnings(record=True) as caught:
@@ -223,7 +167,7 @@ def _with_warnings(work: Callable[[], Any]) -> tuple[Any, tuple[str, ...]]:
     return result, tuple(one_line(warning.message) for warning in caught)
 
 
-def _light(state: State) -> Background | None:
+def light_above(state: State) -> Background | None:
     """Return the background light of a state; None without daylight."""
     if state.scenario.daylight is None:
         return None
@@ -243,72 +187,6 @@ def _detector(state: State, gain: GainResult, sky_light: Background | None) -> O
     detector = with_background(detector, sky_light)
     warn_of_background(detector, sky_light)
     return detector
-
-
-def influences(state: State, check: Check) -> Iterator[tuple[Influence, ...]]:
-    """Compute the change of the margin with a step of each input; yield the largest first.
-
-    The change of the gain is that of `compare`, with common chains and seas. `sensitivities` has no
-    derivative by the wind over a sea whose band follows it, nor of links without chains. Pulses
-    spread as at the state itself.
-    """
-    *_, signal = gains(state, check)
-    changes, end = [], time.monotonic() + _LONGEST
-    if signal.detector is not None and signal.gain.gains[0] > 0.0:
-        sky_light = _with_warnings(partial(_light, state))[0]
-        for name in INPUTS:
-            check()
-            value = state.values[name]
-            if value is None or time.monotonic() > end:
-                continue
-            wanted = {name: value + STEPS.get(name, 0.1 * value)}
-            moved = unless_refused(partial(state.moved, wanted))
-            if moved is None or moved.moves == state.moves:
-                continue
-            pair = partial(_influence, name, state, moved, signal, sky_light, check)
-            influence = _with_warnings(partial(unless_refused, pair))[0]
-            if influence is not None and math.isfinite(influence.change + influence.stderr):
-                changes.append(influence)
-    yield tuple(sorted(changes, key=lambda influence: -abs(influence.change)))
-
-
-def _influence(
-    name: str,
-    state: State,
-    moved: State,
-    signal: Signal,
-    sky_light: Background | None,
-    check: Check,
-) -> Influence:
-    """Return the change of the margin from one state to another, which differ in one control."""
-    change = error = 0.0
-    if name not in BITS_ALONE:
-        channels = {"now": state.channel, "moved": moved.channel}
-        pair = compare(
-            {key: begun_at(channel, state.time) for key, channel in channels.items()},
-            photons=_COMPARED[isinstance(state.channel.run.estimator, Analog)],
-            realizations=_SEAS if name in _OF_SEA else 1, progress=check,
-        )  # fmt: skip
-        change, error = float(pair.ratio_db[1]), float(pair.ratio_db_stderr[1])
-        sky_light = _light(moved)
-
-    def margin(detector: OokLink, more: float = 0.0) -> float:
-        """Return the margin at the gain of the present state, under a share more of light."""
-        detector = detector.replace(background_rate=(1.0 + more) * detector.background_rate)
-        return float(link_budget(detector, signal.gain.gain, LIMIT).margin_optical_db)
-
-    assert signal.detector is not None
-    detector = moved.detector
-    if detector.response is None:
-        detector = detector.replace(response=signal.detector.response)
-    if sky_light is not None:
-        detector = with_background(detector, sky_light)
-        if name not in BITS_ALONE:  # two backgrounds, taken for independent
-            share = math.sqrt(2.0) * float(
-                sky_light.radiance_stderr / max(sky_light.radiance, 1e-300)
-            )
-            error = math.hypot(error, margin(detector, share) - margin(detector))
-    return Influence(name, change + margin(detector) - margin(signal.detector), error)
 
 
 def _tilt_notes(state: State) -> tuple[str, ...]:
@@ -472,244 +350,3 @@ async def design_of(scenario: Scenario) -> Design:
             last_line = Described(lines[-1].removeprefix("error: "))
             raise Refused("design", last_line, "a link that can be designed")
         return Design.load(result_file)
-
-
-class Superseded(Exception):
-    """A newer job has been submitted, or the worker closed."""
-
-
-class Ticket(threading.Event):
-    """Event set when a newer job waits; the running job stops at its next check."""
-
-    def check(self, *_: Any) -> None:
-        """Check that the job may continue; ignore the arguments of progress callbacks.
-
-        Raises
-        ------
-        Superseded
-            If a newer job has been submitted.
-        """
-        self.rest(0.0)
-
-    def rest(self, seconds: float) -> None:
-        """Wait for a newer job, if one comes.
-
-        Raises
-        ------
-        Superseded
-            If a newer job has been submitted.
-        """
-        if self.wait(seconds):
-            raise Superseded
-
-
-class Worker:
-    """Thread that runs the newest submitted job and drops older ones.
-
-    Parameters
-    ----------
-    on_error : callable
-        Called with any other exception of a job, in the thread.
-    """
-
-    def __init__(self, on_error: Callable[[Exception], None]) -> None:
-        self._on_error = on_error
-        self._pool = ThreadPoolExecutor(1, "meshtrace explorer")
-        self._lock = threading.RLock()
-        self._ticket = Ticket()
-        self._newest: Future[None] = Future()
-        self._newest.set_result(None)
-
-    def submit(self, job: Callable[[Ticket], None]) -> None:
-        """Replace the waiting job and stop the running one; do nothing after `close`."""
-        with self._lock, suppress(RuntimeError):
-            self.supersede()
-            self._newest = self._pool.submit(self._run, job, self._ticket)
-
-    def supersede(self) -> None:
-        """Stop the running job after its present step and drop the waiting one."""
-        with self._lock:
-            self._ticket.set()
-            self._newest.cancel()
-            self._ticket = Ticket()
-
-    def close(self) -> None:
-        """Stop the thread after the present step of its job."""
-        self.supersede()
-        self._pool.shutdown(wait=False)
-
-    def join(self) -> None:
-        """Wait until the thread has ended, after `close`: the interpreter must not end before."""
-        self._pool.shutdown()
-
-    def wait(self, timeout: float | None = None) -> bool:
-        """Wait until no job is pending or running; return False if the timeout comes first."""
-        return not futures.wait([self._newest], timeout).not_done
-
-    def _run(self, job: Callable[[Ticket], None], ticket: Ticket) -> None:
-        try:
-            ticket.check()
-            job(ticket)
-        except Superseded:
-            pass
-        except Exception as error:  # the thread outlives any job
-            self._on_error(error)
-
-
-_REST = 0.15  # pause after the first gain, in which the page draws gain and scene [s]
-
-
-class Answer(NamedTuple):
-    """Latest answer of a stage: value, key of its state, completeness."""
-
-    value: Any
-    key: Any
-    complete: bool
-
-
-STAGES: dict[str, Callable[[State, Check], Iterator[Any]]] = {
-    "gain": gains,
-    "rays": rays,
-    "fading": fading,
-    "influences": influences,
-    "map": coverage,
-}
-"""Stages in the order of the work, as functions that yield their answers for a state; the map is
-made on demand."""
-
-
-class Session(Worker):
-    """State of one user of the explorer, with a thread that answers the latest move.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Link, sea and options at the start.
-    on_answer : callable, optional
-        Called with the name of a stage, "" for the end of the work, in the thread of the work.
-
-    Notes
-    -----
-    A move supersedes the work on the state before it. Each stage is worked on once for a state;
-    answers that do not depend on a move stay.
-    """
-
-    def __init__(
-        self, scenario: Scenario, on_answer: Callable[[str], None] = lambda name: None
-    ) -> None:
-        self._state = State(scenario, time=scenario.meshing.time)
-        self._answers: dict[str, Answer] = {}
-        self._on_answer = on_answer
-        self._map_wanted = False
-        self.working = ""
-        super().__init__(self._fail)
-
-    @property
-    def state(self) -> State:
-        """The state of the newest move."""
-        return self._state
-
-    def move(self, values: Mapping[str, Any], answer: bool = True) -> State:
-        """Move controls and start to answer, or leave that to `answer_now`; return the new state.
-
-        Raises
-        ------
-        Refused
-            If a value is not allowed; the state stays.
-        """
-        state = self._state.moved(values)
-        if state != self._state:
-            self._state, self._map_wanted = state, False
-            self.supersede()
-            self.working = next(iter(STAGES))
-            if answer:
-                self.answer_now()
-        return state
-
-    def begin(self, initial: Scenario) -> None:
-        """Return to a link at the start, at the same time, without new work."""
-        self._state, self._map_wanted = State(initial, time=self._state.time), False
-
-    def begin_at(self, time: float) -> None:
-        """Let the present link start at a time [s], at which its sea stands unless it was moved."""
-        state, initial = self._state, self._state.initial
-        moved = state.time != initial.meshing.time
-        initial, time = begun_at(initial, time), state.time if moved else time
-        self._state = replace(state, initial=initial, time=time)
-
-    def show_time(self, time: float) -> State:
-        """Change the time of the sea without new work, as in a running sea."""
-        self._state = self._state.at(time)
-        return self._state
-
-    def answer_now(self) -> None:
-        """Start to answer the present state: the first, or one after a change without answer."""
-        state, with_map = self._state, self._map_wanted
-        self.submit(lambda ticket: self._work(ticket, state, with_map))
-
-    def make_map(self) -> None:
-        """Compute the map of the present state after its other answers."""
-        self._map_wanted = True
-        self.answer_now()
-
-    def answer(self, name: str) -> Any:
-        """Return the latest answer of a stage; None before the first."""
-        answer = self._answers.get(name)
-        return None if answer is None else answer.value
-
-    def fresh(self, name: str) -> bool:
-        """Return whether the latest answer of a stage belongs to the present state."""
-        answer = self._answers.get(name)
-        return answer is not None and answer.key == _key(name, self._state)
-
-    def _work(self, ticket: Ticket, state: State, with_map: bool) -> None:
-        """Answer a state stage by stage in the thread; skip complete stages."""
-        for name, answers in STAGES.items():
-            latest, key = self._answers.get(name), _key(name, state)
-            if (name == "map" and not with_map) or (
-                latest and latest.complete and latest.key == key
-            ):
-                continue
-            self.working = name
-            self._publish(ticket, name, None)
-            answer = None
-            try:
-                for value in answers(state, ticket.check):
-                    first = answer is None and name == "gain"
-                    answer = Answer(value, key, False)
-                    self._publish(ticket, name, answer)
-                    if first:
-                        ticket.rest(_REST)
-            except Refused as error:
-                answer = Answer(Failed(str(error)), key, False)
-            if answer is not None:
-                self._publish(ticket, name, answer._replace(complete=True))
-        ticket.check()
-        self.working = ""
-        self._on_answer("")
-
-    def _publish(self, ticket: Ticket, name: str, answer: Answer | None) -> None:
-        """Store an answer of a stage, unless superseded, and report the stage."""
-        with self._lock:
-            ticket.check()
-            if answer is not None:
-                self._answers[name] = answer
-        self._on_answer(name)
-
-    def _fail(self, error: Exception) -> None:
-        """Publish an internal error as the answer of its stage."""
-        name = self.working or "gain"
-        reason = Failed(f"{type(error).__name__}: {error}")
-        self._answers[name] = Answer(reason, _key(name, self._state), True)
-        self.working = ""
-        self._on_answer(name)
-
-
-_WITH_BITS = ("gain", "influences")
-
-
-def _key(stage: str, state: State) -> Any:
-    """Return the part of a state that the answers of a stage depend on."""
-    # gain and influences show bits, and the series begins at time 0 in any case
-    moves = tuple(m for m in state.moves if stage in _WITH_BITS or m[0] not in BITS_ALONE)
-    return moves, None if stage == "fading" else state.time, state.initial

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import meshtrace as mt
-from meshtrace.apps.explorer import controls, readings, stages
+from meshtrace.apps.explorer import controls, influences, readings, stages
+from meshtrace.apps.explorer.session import STAGES, Failed, Session, Superseded
 from meshtrace.comms.budget import link_budget
 from meshtrace.errors import Refused
 from meshtrace.scenario import Scenario
@@ -22,12 +23,12 @@ def short(monkeypatch):
     """Make the series and the maps short."""
     monkeypatch.setattr(stages, "FADING_FRAMES", 16)
     monkeypatch.setattr(stages, "MAP_PHOTONS", (5_000, 20_000))
-    monkeypatch.setattr(stages, "INPUTS", ())
+    monkeypatch.setattr(influences, "INPUTS", ())
 
 
 @pytest.fixture
 def session():
-    session = stages.Session(PAPER)
+    session = Session(PAPER)
     yield session
     session.close()
     session.join()
@@ -59,7 +60,7 @@ def test_gain_and_bits_are_those_of_the_library(session):
 @pytest.mark.thorough
 @pytest.mark.parametrize("wind", [3.0, 13.0])
 def test_tilts_beyond_the_field_of_view_are_named_as_by_a_performance(wind):
-    session = stages.Session(Scenario.from_toml("[uav]\npreset = 'dji-m300-rtk'"))
+    session = Session(Scenario.from_toml("[uav]\npreset = 'dji-m300-rtk'"))
     try:
         session.move({"wind": wind})
         assert session.wait(120.0)
@@ -123,7 +124,7 @@ def test_daylight_changes_the_bits_alone(session):
 def test_light_downwards(session):
     from meshtrace.apps.explorer import scenario_of
 
-    down = stages.Session(scenario_of(mt.Link().mirrored(), PAPER.surface))
+    down = Session(scenario_of(mt.Link().mirrored(), PAPER.surface))
     down.answer_now()
     assert down.wait(240.0)
     expected = mt.simulate(mt.Link().mirrored(), PAPER.surface, photons=8192)
@@ -199,8 +200,8 @@ def test_the_newest_move_wins(monkeypatch):
             assert go_on.wait(30.0)
         yield from real(state, check)
 
-    session = stages.Session(PAPER)
-    monkeypatch.setitem(stages.STAGES, "gain", slow)
+    session = Session(PAPER)
+    monkeypatch.setitem(STAGES, "gain", slow)
     session.move({"depth": 11.0})
     assert blocked.wait(30.0)
     for depth in (12.0, 13.0, 14.0):
@@ -267,7 +268,7 @@ def test_a_link_that_cannot_be_traced_says_why(session):
     session.move({"height": 0.01})
     assert session.wait(120.0)
     failed = session.answer("gain")
-    assert isinstance(failed, stages.Failed)
+    assert isinstance(failed, Failed)
     assert "above the highest crest" in failed
     assert readings.gain_reading(session)["notes"] == [failed]
     session.move({"height": 5.0})
@@ -289,7 +290,7 @@ def test_internal_errors_are_shown_and_work_goes_on(session, monkeypatch):
 
 @pytest.mark.thorough
 def test_two_sessions_do_not_mix():
-    one, two = stages.Session(PAPER), stages.Session(PAPER)
+    one, two = Session(PAPER), Session(PAPER)
     one.move({"depth": 11.0})
     two.move({"height": 8.0})
     one.move({"wind": 7.0})
@@ -398,8 +399,8 @@ def test_a_link_closes_fades_or_is_dead():
 
 @pytest.mark.thorough
 def test_the_inputs_that_move_the_margin_most_are_told_with_their_errors(session, monkeypatch):
-    monkeypatch.setattr(stages, "INPUTS", ("a", "depth", "power", "wind"))
-    monkeypatch.setattr(stages, "_SEAS", 4)
+    monkeypatch.setattr(influences, "INPUTS", ("a", "depth", "power", "wind"))
+    monkeypatch.setattr(influences, "_SEAS", 4)
     session.answer_now()
     assert session.wait(120.0)
     by_name = {i.name: i for i in session.answer("influences")}
@@ -423,10 +424,10 @@ def test_a_move_ends_the_work_on_inputs(monkeypatch):
     """The gain of the newest state never waits for the inputs of the state before."""
 
     def moved():
-        raise stages.Superseded
+        raise Superseded
 
-    monkeypatch.setattr(stages, "INPUTS", ("a",))
+    monkeypatch.setattr(influences, "INPUTS", ("a",))
     calls = iter([None] * 3)
     check = lambda *_: next(calls, "over") and moved()  # noqa: E731
-    with pytest.raises(stages.Superseded):
-        list(stages.influences(controls.State(PAPER), check))
+    with pytest.raises(Superseded):
+        list(influences.influences(controls.State(PAPER), check))

@@ -2,12 +2,12 @@
 
 import threading
 
-from meshtrace.apps.explorer import stages
+from meshtrace.apps.explorer.session import Superseded, Worker
 
 
 def test_the_running_job_ends_and_waiting_ones_are_left_out():
     errors, done, started, go_on = [], [], threading.Event(), threading.Event()
-    worker = stages.Worker(errors.append)
+    worker = Worker(errors.append)
 
     def first(ticket):
         started.set()
@@ -29,7 +29,7 @@ def test_the_running_job_ends_and_waiting_ones_are_left_out():
 
 def test_a_resting_job_ends_at_once_for_a_newer_one():
     done, resting = [], threading.Event()
-    worker = stages.Worker(lambda error: None)
+    worker = Worker(lambda error: None)
 
     def job(ticket):
         ticket.rest(0.01)
@@ -48,7 +48,7 @@ def test_a_resting_job_ends_at_once_for_a_newer_one():
 
 def test_an_error_is_reported_and_the_next_job_runs():
     errors, done = [], []
-    worker = stages.Worker(errors.append)
+    worker = Worker(errors.append)
     worker.submit(lambda ticket: 1 / 0)
     assert worker.wait(10.0)
     worker.submit(lambda ticket: done.append(1))
@@ -60,14 +60,14 @@ def test_an_error_is_reported_and_the_next_job_runs():
 
 def test_closing_ends_the_job_and_the_thread():
     started, ended = threading.Event(), threading.Event()
-    worker = stages.Worker(lambda error: None)
+    worker = Worker(lambda error: None)
 
     def job(ticket):
         started.set()
         try:
             while True:
                 ticket.check()
-        except stages.Superseded:
+        except Superseded:
             ended.set()
             raise
 
