@@ -21,13 +21,12 @@ from meshtrace.models import Floats
 from meshtrace.results.gain import GainResult
 from meshtrace.scenario import Scenario
 from meshtrace.scenario.files import Table, set_value
-from meshtrace.studies.background import mean_sea
+from meshtrace.studies.background import mean_sea, transmission_at
 from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.inputs import Axis, Input
 from meshtrace.studies.keys import Bounds, checked_bounds
 from meshtrace.studies.neighbours import depth_key, range_of
 from meshtrace.studies.series import over_realizations
-from meshtrace.studies.sweeps import transmission_at
 
 _MORE_CHAINS = 4  # of the mean gain, whose error counts for less than that of the fading
 _NOISE_LEFT = 0.1  # of the variance of ln gain, at least what remains without its noise

@@ -22,11 +22,11 @@ from meshtrace.studies.availability_result import Availability
 from meshtrace.studies.availability_runs import StateRuns, key_in_file
 from meshtrace.studies.availability_shares import ShareSurfaces
 from meshtrace.studies.background import electronics_of
+from meshtrace.studies.base import base_scenario, plain_base
 from meshtrace.studies.campaign import DEFAULT_CHAINS, campaign_of, case_options
 from meshtrace.studies.inputs import read_inputs
 from meshtrace.studies.keys import Bounds
 from meshtrace.studies.neighbours import depth_key
-from meshtrace.studies.sweeps import base_scenario, plain_base
 
 PRIOR: Mapping[str, Any] = {
     "wind_speed": {"distribution": "weibull_min", "c": 2.2, "scale": 7.9, "clip": [1.0, 15.0]},

@@ -15,6 +15,7 @@ from pydantic import Field
 from meshtrace.checks import check_call
 from meshtrace.comms.background import DARK, occupancy, with_background
 from meshtrace.comms.ook import OokLink, Preset
+from meshtrace.comms.response import ChannelResponse
 from meshtrace.daylight.light import Daylight, UnavailableDaylight
 from meshtrace.engine.backward.background import background, backgrounds_over
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
@@ -25,6 +26,8 @@ from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface
 from meshtrace.models import Floats
 from meshtrace.results.daylight import PARTS, Background, BackgroundSeries
+from meshtrace.results.gain import GainResult
+from meshtrace.results.impulse import impulse_response
 from meshtrace.results.tallies import error_of_groups
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
@@ -216,6 +219,27 @@ def transmission_of(link: Link, base: OokLink | None) -> OokLink:
     if ook.channel(link) is not link:
         raise Refused("detector.preset", "paper-ranges", "a preset without empirical calibration")
     return ook
+
+
+def transmission_at(
+    scenario: Scenario, result: GainResult, i: int
+) -> tuple[OokLink, Background | None]:
+    """Return the on-off keying (OOK) to receiver i over its channel, and its background, if any.
+
+    The impulse response of the channel follows from the arrivals that the result recorded.
+    """
+    # each receiver has its own view of the sky
+    link = scenario.link.replace(receiver=scenario.link.receivers[i])
+    ook, sky = transmission_of(link, scenario.detector), None
+    # without a gain there is no response that could spread the pulses
+    if result.gains[i] > 0.0 and ook.response is None:
+        impulse = impulse_response(result, receiver=i)
+        response = ChannelResponse.from_arrivals(impulse.delay, impulse.weight, impulse.angle)
+        ook = ook.replace(response=response)
+    if checked_daylight(scenario.daylight, link) is not None:
+        alone = scenario.model_copy(update={"link": link})
+        sky = background(alone, photons=RAYS, seed=scenario.run.seed, threads=1)
+    return ook, sky
 
 
 def described(ook: OokLink, background: Background) -> str:

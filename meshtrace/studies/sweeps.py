@@ -13,7 +13,7 @@ import json
 import math
 import time
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
@@ -25,10 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshtrace.checks import check_call
 from meshtrace.comms.background import DARK
-from meshtrace.comms.ook import OokLink
-from meshtrace.comms.response import ChannelResponse
-from meshtrace.engine.backward.background import background
-from meshtrace.engine.setup.options import Arrivals, Forced
+from meshtrace.engine.setup.options import Arrivals
 from meshtrace.engine.simulate import simulate
 from meshtrace.errors import (
     MISSING,
@@ -44,28 +41,20 @@ from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
 from meshtrace.models import import_modules, modules_of, trusting
-from meshtrace.results.daylight import Background
 from meshtrace.results.gain import GainResult
-from meshtrace.results.impulse import impulse_response
 from meshtrace.results.provenance import environment
 from meshtrace.results.series import checked_wavelengths
-from meshtrace.scenario import DEFAULT_WIND_SPEED, Meshing, Run, Scenario
-from meshtrace.scenario.files import Table, as_table, parse_toml, read_text
-from meshtrace.scenario.parts import changes_irradiance, daylight_recipe, gives_spectrum
+from meshtrace.scenario import Scenario
+from meshtrace.scenario.files import parse_toml, read_text
 from meshtrace.stored import FORMAT_VERSION
-from meshtrace.studies.background import RAYS, checked_daylight, error_rate, transmission_of
+from meshtrace.studies.background import error_rate, transmission_at, transmission_of
+from meshtrace.studies.base import OPTIONS_OF_SWEEP, base_scenario, plain_base
 from meshtrace.studies.campaign import finished
 from meshtrace.studies.cluster import DEFAULT_TIMEOUT, Cluster, error_text
 from meshtrace.studies.store import Item, Store
 
 if TYPE_CHECKING:
     import xarray as xr
-
-FIRST_CHAINS = 1024
-"""Chains with which a point begins by default; its tolerance may require more."""
-
-# options of a run that a sweep sets for all its points
-_OPTIONS_OF_SWEEP = ("rtol", "photons", "seed")
 
 # A task is what a worker takes and what the store keeps: with more realizations a call that is
 # stopped loses more work, with fewer each has more of the overhead of a message and a line.
@@ -380,27 +369,6 @@ def _under_daylight(scenario: Scenario, result: GainResult) -> NDArray[np.float6
     return np.array(results).T
 
 
-def transmission_at(
-    scenario: Scenario, result: GainResult, i: int
-) -> tuple[OokLink, Background | None]:
-    """Return the on-off keying (OOK) to receiver i over its channel, and its background, if any.
-
-    The impulse response of the channel follows from the arrivals that the result recorded.
-    """
-    # each receiver has its own view of the sky
-    link = scenario.link.replace(receiver=scenario.link.receivers[i])
-    ook, sky = transmission_of(link, scenario.detector), None
-    # without a gain there is no response that could spread the pulses
-    if result.gains[i] > 0.0 and ook.response is None:
-        impulse = impulse_response(result, receiver=i)
-        response = ChannelResponse.from_arrivals(impulse.delay, impulse.weight, impulse.angle)
-        ook = ook.replace(response=response)
-    if checked_daylight(scenario.daylight, link) is not None:
-        alone = scenario.model_copy(update={"link": link})
-        sky = background(alone, photons=RAYS, seed=scenario.run.seed, threads=1)
-    return ook, sky
-
-
 @check_call
 def sweep(
     link: Link | Scenario | Mapping[str, Any],
@@ -518,23 +486,6 @@ def _study(
     return replace(study, modules=tuple(modules_of(f"{text}{plain}")))
 
 
-def plain_base(base: Scenario, keys: Iterable[str], daylight_table: Any = None) -> Table:
-    """Return the plain data of a scenario, open to other values of dotted keys.
-
-    `daylight_table` is as in `_study`.
-    """
-    config, names = base.to_config(), list(keys)
-    if base.daylight is not None and any(map(changes_irradiance, names)):
-        # a moved sun needs the model of the light, not its irradiance at one place
-        recipe = daylight_recipe(base.daylight) if daylight_table is None else daylight_table
-        config["daylight"] = as_table(recipe, "daylight", "model")
-    if base.link.water.spectrum is None and any(map(gives_spectrum, names)):
-        # a swept description of the water gives its coefficients, which those of the base would
-        # contradict; the bottom does not follow from it
-        config["water"] = {k: v for k, v in config["water"].items() if k.startswith("bottom")}
-    return config
-
-
 def read_store(path: Path) -> xr.Dataset:
     """Read the results in the store of a sweep, nan where points are not finished.
 
@@ -640,7 +591,7 @@ def read_study(
         table = config.pop("sweep", MISSING)
         if not isinstance(table, dict):
             raise Refused("sweep", table, "a table")
-        keys = "parameters", "realizations", *_OPTIONS_OF_SWEEP, "wavelengths_nm", "store"
+        keys = "parameters", "realizations", *OPTIONS_OF_SWEEP, "wavelengths_nm", "store"
         require_keys(table, keys, "sweep")
         store_name = table.pop("store", path.with_suffix(".store").name)
         if not isinstance(store_name, str) or not store_name:
@@ -650,39 +601,13 @@ def read_study(
     # options that may stand in [run] or in [sweep], which wins
     run = config.get("run", {})
     # a [run] that is no table is refused below, by `Scenario.from_config`
-    of_run = {key: run[key] for key in _OPTIONS_OF_SWEEP if isinstance(run, dict) and key in run}
+    of_run = {key: run[key] for key in OPTIONS_OF_SWEEP if isinstance(run, dict) and key in run}
     parameters = dict(_dotted(table.pop("parameters", {})))
     # modules that a file names are code of its author
     with trusting(trust):
         base = base_scenario(Scenario.from_config(config, folder=path.parent), None)
         study = _study(base, config.get("daylight"), parameters, of_run | table)
     return study, path.parent / store_name if store is None else Path(store)
-
-
-def base_scenario(
-    link: Link | Scenario | Mapping[str, Any], sea: MeshSource | Mapping[str, Any] | None
-) -> Scenario:
-    """Return the scenario that all points share, without the options that a sweep sets."""
-    if isinstance(link, Link):
-        # the wind of the sea in the call, or else that of the bubbles and whitecaps
-        wind = getattr(sea, "wind_speed", None)
-        wind = (link.wind_speed or DEFAULT_WIND_SPEED) if wind is None else wind
-        default = Scenario.from_config({"wind_speed": wind})
-        scenario = default.model_copy(update={"link": link})
-    elif isinstance(link, Scenario):
-        scenario = link
-    else:
-        scenario = Scenario.from_config(link)
-    if isinstance(sea, MeshSource):
-        # the meshing of the scenario was that of its former sea
-        scenario = scenario.model_copy(update={"surface": sea, "meshing": Meshing()})
-    elif sea is not None:
-        scenario = Scenario.from_config(scenario.to_config() | {"sea": dict(sea)})
-    run = scenario.run
-    # a first guess of forced detection, from which each point goes on to its tolerance
-    photons = FIRST_CHAINS if isinstance(run.estimator, Forced) else run.photons
-    fields = run.model_dump(exclude={*_OPTIONS_OF_SWEEP, "threads"}, exclude_none=True)
-    return scenario.model_copy(update={"run": Run.model_validate(fields | {"photons": photons})})
 
 
 def _plain(values: Sequence[Any]) -> list[Any]:
