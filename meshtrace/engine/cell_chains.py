@@ -31,7 +31,7 @@ from meshtrace.engine.chains.sets import (
 )
 from meshtrace.engine.choice import LITTLE, PILOT, Pilot, allotment, pilot_statistics, returned_gain
 from meshtrace.engine.crossing import FLAT, ROOT
-from meshtrace.engine.setup.ends import ForcedLink, forced_link, require_chains
+from meshtrace.engine.setup.ends import forced_link, require_chains
 from meshtrace.engine.setup.options import IrradianceMap
 from meshtrace.kernels.vectors import Vec3
 from meshtrace.link import Link
@@ -194,7 +194,11 @@ class CellChains:
         self.tiles, middles, self._number = _tiles(link, grid, stride)
         sites = tuple(receiver.replace(position=place) for place in middles)
         self._link = link.replace(receiver=sites)
-        arrays = _squares(forced_link(self._link), grid.step)
+        arrays = forced_link(self._link)
+        # square cells as targets, whose radius stands for the edge, see `_SquareDrawer`
+        x, y, edge = Vec3(1.0, 0.0, 0.0), Vec3(0.0, 1.0, 0.0), grid.step / arrays.frame.unit
+        squares = [t._replace(radius=edge, e1=x, e2=y) for t in arrays.targets]
+        arrays = arrays._replace(targets=squares, stands_for=np.arange(len(squares)))
         # the chains are the same at all times: scatterings lie up to the highest of all crests
         crest = max(float(mesh.bounds[1, 2]) for mesh in meshes)
         self._drawer = _SquareDrawer(arrays, *levels(arrays, crest))
@@ -213,7 +217,7 @@ class CellChains:
 
     @cached_property
     def pilots(self) -> list[Pilot]:
-        """Pilot run of each source over the first surface: statistics by tile and order."""
+        """Pilot of each source over the first surface, by tile and order."""
         targets, pilots = list(range(len(self.tiles))), []
         for s, last in enumerate(self._orders):
             # PILOT chains of each order, in SHIFTS groups
@@ -223,7 +227,7 @@ class CellChains:
             ]
             job = partial(pilot_statistics, self._drawer, [self._aimed[0]], targets)
             statistics = ordered_map(job, requests, self._threads)
-            pilots.append(Pilot.of_orders(np.array([row[0][0] for row in statistics])))
+            pilots.append(np.array([row[0][0] for row in statistics]).transpose(1, 2, 0))
         return pilots
 
     @property
@@ -305,15 +309,17 @@ class CellChains:
         first : int
             Chains that the tile had before: makes the seed of these another one.
         """
-        places = self._places(self.tiles[tile])
+        # centres of the cells, (cells, 3) in the frame of the link
+        x, y = np.meshgrid(*(self._grid.axes[part] for part in self.tiles[tile]), indexing="ij")
+        centres = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, self._grid.height)])
+        places = self._drawer.link.frame.points(centres)
         total = TileSums(0, np.zeros((SHIFTS, len(places))), np.zeros(len(places)))
         # each source has an equal part of the chains, as pilots do not compare the light of sources
         drawer, share = self._drawer.of_tile(tile), max(chains // len(self.pilots), SHIFTS)
-        # the pilot of this tile alone, with a weight of 1
-        alone, unit = np.arange(len(self.tiles)) == tile, np.ones(1)
-        for s, pilot in enumerate(self.pilots):
+        for s, (_, _, spread, _) in enumerate(self.pilots):
             expected = self._drawer.nominals[s].expected
-            counts = allotment(share, expected, pilot.select(alone), unit, unit.astype(np.int64))
+            # by the pilot of this tile alone, with a weight of 1
+            counts = allotment(share, expected, spread[[tile]], np.ones(1), np.ones(1, np.int64))
             for k, n in enumerate(counts.tolist(), 1):
                 request = Request(s, k, n, (self._seed, s, k, _STREAM, tile, first))
                 total = replace(total, chains=total.chains + request.number)
@@ -347,12 +353,6 @@ class CellChains:
             square = np.einsum("ijk,ijk->i", score, score)
             total.square[cells] += square * (share / request.number) ** 2
 
-    def _places(self, tile: Tile) -> Floats:
-        """Return the centres (cells, 3) of the cells of a tile, in the frame of the link."""
-        x, y = np.meshgrid(*(self._grid.axes[part] for part in tile), indexing="ij")
-        height = np.full(x.size, self._grid.height)
-        return self._drawer.link.frame.points(np.column_stack([x.ravel(), y.ravel(), height]))
-
 
 def _tiles(
     link: Link, grid: IrradianceMap, stride: int
@@ -370,13 +370,3 @@ def _tiles(
     middle = {part.start: float(grid.axes[part].mean()) for part in chosen}
     tiles = [(a, b) for a in chosen for b in chosen]
     return tiles, [(middle[a.start], middle[b.start]) for a, b in tiles], number
-
-
-def _squares(link: ForcedLink, step: float) -> ForcedLink:
-    """Return a link with square cells of edge `step` [m] as targets.
-
-    The radius of a target stands for the edge, see `_SquareDrawer`.
-    """
-    x, y, edge = Vec3(1.0, 0.0, 0.0), Vec3(0.0, 1.0, 0.0), step / link.frame.unit
-    targets = [t._replace(radius=edge, e1=x, e2=y) for t in link.targets]
-    return link._replace(targets=targets, stands_for=np.arange(len(targets)))

@@ -71,48 +71,11 @@ _MISSED_TAIL = 40.0
 _DOUBT = 3.5  # standard errors by which photons may exceed chains: beyond, chains miss light
 
 
-class Pilot(NamedTuple):
-    """Statistics of pilot chains over still water, shapes (receivers, orders from 1 on)."""
+Pilot = Floats
+"""Statistics of pilot chains over still water, shape (4, receivers, orders from 1 on).
 
-    chains: Floats  # number
-    mean: Floats  # gain
-    spread: Floats  # standard deviation of the score of one chain
-
-    @classmethod
-    def of_orders(cls, table: Floats) -> Pilot:
-        """Return the pilot with statistics (orders, 4, receivers), see `pilot_statistics`."""
-        chains, mean, spread, _ = table.transpose(1, 2, 0)
-        return cls(chains, mean, spread)
-
-    def select(self, receivers: NDArray[np.bool_]) -> Pilot:
-        """Select receivers by a mask."""
-        return Pilot(*(array[receivers] for array in self))
-
-    def joined(self, power: Floats) -> Pilot:
-        """Combine the pilots of the lamps, the targets of a receiver in the water, into its pilot.
-
-        `power` (targets,) has the shares of the lamps in the power.
-        """
-        # all lamps share the chains: the deviation of the sum is at most the sum of deviations
-        return Pilot(self.chains[:1], (power @ self.mean)[None], (power @ self.spread)[None])
-
-    def at_wavelengths(self, ratios: Floats, gain: Floats) -> tuple[Pilot, Floats]:
-        """Return the pilot and the gain of each receiver at all wavelengths.
-
-        Rows go through the receivers at the first wavelength, then at the second, and so on.
-
-        `ratios` (wavelengths,) are scattering coefficients over that of the pilot. Light of order K
-        scales with their power K; attenuation, about the same for all orders, is left out.
-        """
-        orders = self.mean.shape[1]
-        power = ratios[:, None, None] ** np.arange(1, orders + 1)
-        # rounding may leave less than 0 beside the scattered light
-        direct = np.maximum(gain - self.mean.sum(axis=1), 0.0)
-        mean, spread = power * self.mean, power * self.spread
-        columns = (np.broadcast_to(self.chains, mean.shape), mean, spread)
-        # no -1 for the rows: reshape cannot infer them where clear water leaves 0 orders
-        pilot = Pilot(*(x.reshape(mean.shape[0] * mean.shape[1], orders) for x in columns))
-        return pilot, (direct + mean.sum(axis=2)).ravel()
+Number of chains, mean and standard deviation of their scores, and number of those that contribute.
+"""
 
 
 def pilot_statistics(
@@ -121,7 +84,7 @@ def pilot_statistics(
     targets: Sequence[int],
     request: Request,
 ) -> list[Floats]:
-    """Return number, mean, deviation and hits of pilot chains of one order, for each surface.
+    """Return the statistics of a `Pilot` for chains of one order, by surface.
 
     Each array has the shape (wavelengths, 4, targets). Targets that few chains reach get more of
     them.
@@ -152,8 +115,29 @@ def pilot_statistics(
     return statistics
 
 
+def at_wavelengths(
+    mean: Floats, spread: Floats, ratios: Floats, gain: Floats
+) -> tuple[Floats, Floats]:
+    """Return the deviations of pilot scores and the gains of receivers at all wavelengths.
+
+    Rows go through the receivers at the first wavelength, then at the second, and so on.
+
+    `mean` and `spread` (receivers, orders) are those of a pilot at the base, `gain` (receivers,)
+    that of all light. `ratios` (wavelengths,) are scattering coefficients over that of the base.
+    Light of order K scales with their power K; attenuation, about the same for all orders, is left
+    out.
+    """
+    receivers, orders = mean.shape
+    power = ratios[:, None, None] ** np.arange(1, orders + 1)
+    # rounding may leave less than 0 beside the scattered light
+    direct = np.maximum(gain - mean.sum(axis=1), 0.0)
+    whole = direct + (power * mean).sum(axis=2)
+    # no -1 for the rows: reshape cannot infer them where clear water leaves 0 orders
+    return (power * spread).reshape(len(ratios) * receivers, orders), whole.ravel()
+
+
 def allotment(
-    photons: int, expected: float, pilot: Pilot, gain: Floats, number: NDArray[np.int64]
+    photons: int, expected: float, spread: Floats, gain: Floats, number: NDArray[np.int64]
 ) -> NDArray[np.int64]:
     """Return the number of chains of each order, per shift of the points.
 
@@ -163,8 +147,8 @@ def allotment(
         Chains in all.
     expected : float
         Scatterings expected on the way.
-    pilot : Pilot
-        Pilot of the receivers that the chains serve.
+    spread : ndarray, shape (receivers, orders)
+        Standard deviation of the score of one chain, for the receivers that the chains serve.
     gain : ndarray, shape (receivers,)
         Gain of each receiver, to which its errors are relative.
     number : ndarray of int, shape (receivers,)
@@ -178,11 +162,11 @@ def allotment(
     allocation). A share of the chains follows the Poisson law of the number of scatterings instead:
     an order whose pilot saw no light gets some, too.
     """
-    order = np.arange(1, pilot.mean.shape[1] + 1)
+    order = np.arange(1, spread.shape[1] + 1)
     cost = 1.0 + _ORDER_COST * order
     scale = np.maximum(gain, 1e-300)[:, None]
     # sorted, so that rounding does not depend on the order of the receivers
-    squares = number[:, None] * np.square(pilot.spread / scale)
+    squares = number[:, None] * np.square(spread / scale)
     share = np.sqrt(np.sort(squares / cost, axis=0).sum(axis=0))
     law = poisson_law(max(expected, 1e-6))[order]
     law = law / max(law.sum(), 1e-300)
@@ -229,9 +213,9 @@ def chain_pilot(pilots: list[Pilot], link: ForcedLink) -> ScatteredPilot:
     With n_K ~ sigma_K chains of order K, the variance of the gain times the number of all chains is
     (sum_K sigma_K)^2: the variance of one sample.
     """
-    mean = link.by_receiver(np.array([p.mean.sum(axis=1) for p in pilots]))
-    spread = link.by_receiver(np.array([p.spread.sum(axis=1) for p in pilots]))
-    noise = [(p.spread**2 / np.maximum(p.chains, 1)).sum(axis=1) for p in pilots]
+    mean = link.by_receiver(np.array([mean.sum(axis=1) for _, mean, _, _ in pilots]))
+    spread = link.by_receiver(np.array([spread.sum(axis=1) for _, _, spread, _ in pilots]))
+    noise = [(each**2 / np.maximum(n, 1)).sum(axis=1) for n, _, each, _ in pilots]
     # variances of independent sources add, with squared shares of the power
     square = link._replace(power=link.power**2).by_receiver(np.array(noise))
     return ScatteredPilot(mean, spread**2, np.sqrt(square))

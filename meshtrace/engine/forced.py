@@ -35,6 +35,7 @@ from meshtrace.engine import parts
 from meshtrace.engine.chains.aimed import AimedChains
 from meshtrace.engine.chains.gain import Counter
 from meshtrace.engine.chains.sets import Drawing, Request, blocks_of, flat_mesh, points_of, shifted
+from meshtrace.engine.choice import ANALOG_PER_CHAIN
 from meshtrace.engine.gains import Gains
 from meshtrace.engine.photons.arriving import scattered_gains
 from meshtrace.engine.plan import Plan, Planner
@@ -117,7 +118,7 @@ class ForcedDetection:
         scattered: Scattered = "auto",
     ) -> None:
         planner = Planner(link, seed, normals, threads, sea, scattered=scattered)
-        self._draw(planner, planner.plan(photons, planner.compare()))
+        self._draw(planner, planner.plan(photons))
 
     @classmethod
     def following(cls, planner: Planner, plan: Plan) -> ForcedDetection:
@@ -224,13 +225,14 @@ class ForcedDetection:
         if plan.joined is not None:
             joined = plan.joined.at_wavelengths(mesh, shared.tinting, shared.links, record, lamps)
         groups = [(joined, plan.joined_to)]
-        if plan.arriving_at:
-            planner = self.planner
+        analog = [r for r, method in enumerate(self.method) if method == "analog"]
+        if analog:
+            planner, number = self.planner, round(ANALOG_PER_CHAIN * self.photons)
             photons = scattered_gains(
-                planner.link_to(plan.arriving_at), mesh, plan.arriving, planner.seed,
-                planner.normals, planner.threads, record, lamps,
+                planner.link_to(analog), mesh, number, planner.seed, planner.normals,
+                planner.threads, record, lamps,
             )  # fmt: skip
-            groups.append(([photons], plan.arriving_at))
+            groups.append(([photons], analog))
         # photons are numbered after all chains, those without scatterings last
         chains = sum(request.number for request in self._requests)
         for by_wavelength, receivers in groups:
@@ -416,7 +418,7 @@ class ForcedDetection:
         if top <= self.drawer.ceiling * self.arrays.frame.unit or "chains" not in self.method:
             return self
         planner = replace(self.planner, sea=self.planner.sea._replace(crest=top))
-        return ForcedDetection.following(planner, planner.plan(self.photons, planner.compare()))
+        return ForcedDetection.following(planner, planner.plan(self.photons))
 
     def _tables(self, aimed: AimedChains) -> list[list[ArrivalTally]]:
         """Return tables of the arrivals of unscattered light and of chains, by wavelength."""
@@ -475,7 +477,7 @@ def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
         return np.zeros(len(link.receivers))
     sea = TypicalSea.of_meshes([mesh])
     planner = Planner(link, case.run.seed, case.meshing.normals, case.threads, sea)
-    few = ForcedDetection.following(planner, planner.plan(_CUT_CHAINS, planner.compare()))
+    few = ForcedDetection.following(planner, planner.plan(_CUT_CHAINS))
     within = flat_mesh(low, high)
     if planner.arrays.reflects:
         # the mesh cuts off what it mirrors, hardly what the water scatters between the ends

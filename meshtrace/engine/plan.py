@@ -108,10 +108,6 @@ class Plan:
         Joined photons, None if no receiver needs them.
     joined_to : list of int
         Receivers that they serve.
-    arriving : int
-        Number of analog photons.
-    arriving_at : list of int
-        Receivers that they serve.
     reflects : bool
         Whether photons follow light that the surface reflects first.
     """
@@ -121,8 +117,6 @@ class Plan:
     chains: list[Request]
     joined: JoinedPhotons | None
     joined_to: list[int]
-    arriving: int
-    arriving_at: list[int]
     reflects: bool
 
 
@@ -168,8 +162,8 @@ class Planner:
         planner.drawer = self.drawer.of_link(planner.arrays)
         return planner
 
-    def plan(self, photons: int, comparison: Comparison) -> Plan:
-        """Return the plan for a number of chains in all.
+    def plan(self, photons: int, comparison: Comparison | None = None) -> Plan:
+        """Return the plan for a number of chains in all, by a comparison that is done if needed.
 
         Raises
         ------
@@ -179,14 +173,13 @@ class Planner:
         if not SHIFTS <= photons <= _MOST_CHAINS:
             allowed = f"an integer {SHIFTS} <= photons <= {_MOST_CHAINS} for forced detection"
             raise Refused("photons", photons, allowed)
+        comparison = comparison or self.compare()
         method = comparison.method
         chains = self._allot(photons, comparison) if "chains" in method else []
-        arriving_at = [r for r, name in enumerate(method) if name == "analog"]
-        arriving = round(choice.ANALOG_PER_CHAIN * photons)
         joined, joined_to, reflects = self._plan_joined(photons, comparison)
         # only photons follow light that the surface reflects first
-        reflects = reflects and bool(joined_to or arriving_at)
-        return Plan(photons, method, chains, joined, joined_to, arriving, arriving_at, reflects)
+        reflects = reflects and bool(joined_to or "analog" in method)
+        return Plan(photons, method, chains, joined, joined_to, reflects)
 
     def photons_for(self, rtol: float, most: int, comparison: Comparison) -> int:
         """Return the number of chains for a relative error by the pilots, at most `most`.
@@ -331,7 +324,7 @@ class Planner:
             # by wavelength, then source and order: split where the orders of a source end
             table = np.reshape([row[k] for row in statistics], shape).swapaxes(0, 1)
             by_source = (np.split(part, cuts) for part in table)
-            pilots.append([[choice.Pilot.of_orders(p) for p in parts] for parts in by_source])
+            pilots.append([[p.transpose(1, 2, 0) for p in parts] for parts in by_source])
         return pilots
 
     def _pilot_photons(
@@ -352,7 +345,7 @@ class Planner:
 
     def _still_gain(self, pilots: list[choice.Pilot]) -> Floats:
         """Return the gain of each receiver with a pilot over still water."""
-        gain = np.array([pilot.mean.sum(axis=1) for pilot in pilots])
+        gain = np.array([mean.sum(axis=1) for _, mean, _, _ in pilots])
         for s, to_targets in enumerate(gain):
             # deterministic over still water but for the random point of the aperture: few suffice
             request = Request(s, 0, _STILL_CHAINS, (*self.keys[s], 0, 3))
@@ -374,23 +367,26 @@ class Planner:
         # a downlink start at the receivers, each of which has its own
         share = photons if link.down else max(photons // emitters, SHIFTS)
         requests = []
-        for s, pilot in enumerate(comparison.chained):
+        for s, (_, mean, spread, _) in enumerate(comparison.chained):
             # a pilot counts as often as receivers stand behind it
-            number = self._number[served]
+            number, scale = self._number[served], gain[served]
             if not link.down:
-                pilot, scale = pilot.select(served), gain[served]
+                mean, spread = mean[served], spread[served]
             elif served[s]:
-                pilot, scale = pilot.joined(link.power), gain[s : s + 1]
-                number = np.ones(1, int)
+                # the targets are lamps, which share all chains: the deviation of the sum is at most
+                # the sum of deviations
+                mean, spread = (link.power @ mean)[None], (link.power @ spread)[None]
+                number, scale = np.ones(1, int), gain[s : s + 1]
             else:
                 continue
             # all wavelengths share one set of chains: each counts as a further receiver
             if len(self.shared.links) > 1 and known is not None:
                 bright = known[s : s + 1] if link.down else known[served]
-                pilot, scale = pilot.at_wavelengths(np.array(self.shared.ratios), bright)
-                number = np.tile(number, len(self.shared.ratios))
+                ratios = np.array(self.shared.ratios)
+                spread, scale = choice.at_wavelengths(mean, spread, ratios, bright)
+                number = np.tile(number, len(ratios))
             expected = self.drawer.nominals[s].expected
-            counts = choice.allotment(share, expected, pilot, scale, number)
+            counts = choice.allotment(share, expected, spread, scale, number)
             requests += [
                 # keys end in a purpose: 1 for the chains of a run, from 2 on for pilots
                 Request(s, k, int(n), (*self.keys[s], k, 1))

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
 from meshtrace.checks import Inside, check_call
-from meshtrace.engine.backward.background import optical_depth
+from meshtrace.engine.backward.view import optical_depth
 from meshtrace.engine.setup.meshing import GAIN_SPACING
 from meshtrace.engine.setup.options import Run, resolve
 from meshtrace.errors import Described, Refused, require_between

@@ -24,19 +24,14 @@ from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight, refracted_sun
 from meshtrace.daylight.patterns import sky_radiance
 from meshtrace.daylight.upward import Refraction, by_slopes, slopes_of
 from meshtrace.engine.backward.view import (
-    Depth,
-    Hit,
     SeenSea,
     View,
     bent_sun,
     cone,
     first_hits,
-    only_aperture,
-    scene_of,
     view_of,
 )
 from meshtrace.engine.backward.walk import walked_radiance
-from meshtrace.engine.setup.arrays import frame_of, integral
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import (
     BackgroundOptions,
@@ -66,69 +61,33 @@ SUN: seen directly from the air; under water refracted, or scattered there.
 _REACH = 6.0  # Radius of the cone sampled about the sun, in standard deviations of the slopes. A
 # Gaussian of two components leaves out exp(-6^2 / 2) = 2e-8 of the light; a wider cone holds fewer
 # rays that count.
-_LEVELS = 4000  # nodes of the optical depth: 2.5 mm over 10 m, for layers and bubbles
 
 
-def seen_from_water(
-    case: Case, mesh: TriangleMesh, links: Sequence[Link], days: Sequence[Daylight], photons: int
-) -> Floats:
+def seen_from_water(sea: SeenSea, view: View) -> Floats:
     """Return the radiances of the parts by shift for a receiver in the water.
 
-    Shape (wavelengths, shifts, pixels, parts) [W m-2 sr-1 nm-1], at the wavelengths of links; a
-    pixel has its share of the mean over the field of view. Sunlight that
-    reaches the receiver unscattered crosses the mesh; sunlight that is scattered on its way enters
-    through a level surface.
+    Shape (wavelengths, shifts, pixels, parts) [W m-2 sr-1 nm-1]; a pixel has its share of the mean
+    over the field of view. Sunlight that reaches the receiver unscattered crosses the mesh;
+    sunlight that is scattered on its way enters through a level surface.
     """
-    view = view_of(links[0], photons, case.run.seed)
-    parts = np.zeros((len(links), SHIFTS, view.pixels, len(PARTS)))
-    walked = walked_radiance(case, mesh, links, days, view, in_water=True)
+    parts = np.zeros((len(sea.links), SHIFTS, view.pixels, len(PARTS)))
+    walked = walked_radiance(sea, view)
     parts[..., SKY], parts[..., SUN] = walked[..., 0], walked[..., 1]
-    scene = scene_of(case, mesh, links, days)
-    if not scene.direct.any():
+    if not sea.direct.any():
         return parts
-    depths = [_depth_of_local(link) for link in links]
     through = []  # at each index, the smallest and the largest: radiance over irradiance [sr-1]
-    for n in scene.indices.tolist():
-        law = Refraction(scene.sun, n)
+    for n in sea.indices.tolist():
+        law = Refraction(sea.sun, n)
         # random slopes bend the sun to the receiver everywhere, a mesh alone at separate points
-        refract_sun = _through_slopes if scene.rough else bent_sun
-        through.append(refract_sun(scene, law, view, depths).reshape(len(links), -1))
+        refract_sun = _through_slopes if sea.rough else bent_sun
+        through.append(refract_sun(sea, law, view).reshape(len(parts), -1))
     # irradiance across the sun's beam [W m-2 nm-1], times the share of the sea that is free of foam
-    sun = scene.direct[:, None] * (1.0 - scene.foam) * scene.at_wavelengths(through)
+    sun = sea.direct[:, None] * (1.0 - sea.foam) * sea.at_wavelengths(through)
     parts[..., SUN] += sun.reshape(parts.shape[:-1])
     return parts
 
 
-def optical_depth(link: Link, depth: float) -> Depth:
-    """Return a function that gives the vertical optical depth from the surface to a depth [m].
-
-    Its argument is an array of heights z [m] of the surface, z up from the mean level. The water of
-    crests, above that level, has no bubbles.
-    """
-    levels = np.linspace(0.0, depth, _LEVELS)
-    a, b = link.water.profile(levels)
-    c = a + b
-    if link.bubbles is not None:
-        c = c + link.bubbles.b(levels)
-    path = integral(c, levels[1])  # optical depth from the mean level down to each node
-    top = float(a[0] + b[0])  # [m-1]
-
-    def below(z: Floats) -> Floats:
-        # a trough lacks the water above it, a crest adds water like that at the top
-        above = np.interp(np.maximum(-z, 0.0), levels, path)
-        return np.asarray(path[-1] - above + top * np.maximum(z, 0.0))
-
-    return below
-
-
-def _depth_of_local(link: Link) -> Depth:
-    """Return the optical depth down to the receiver, by points (n, 3) in local coordinates."""
-    unit = frame_of(link).unit  # [m] per local unit
-    below = optical_depth(link, -only_aperture(link).center[2])
-    return lambda points: below(unit * points[:, 2])
-
-
-def _through_slopes(scene: SeenSea, law: Refraction, view: View, depths: Sequence[Depth]) -> Floats:
+def _through_slopes(sea: SeenSea, law: Refraction, view: View) -> Floats:
     """Return the mean radiance of the sun through unresolved slopes, over its irradiance [sr-1].
 
     Shape (wavelengths, shifts, pixels); the irradiance E is that across the sun's beam in the air.
@@ -140,8 +99,8 @@ def _through_slopes(scene: SeenSea, law: Refraction, view: View, depths: Sequenc
     p is the density of the random slopes, s_r the slope that is needed, s_m that of the mesh, n_g
     and b_g normal and inclination of the facet.
     """
-    surface, n = scene.surface, law.n
-    axis, _ = refracted_sun(scene.days[0], n)  # to the sun, as seen below still water
+    surface, n = sea.surface, law.n
+    axis, _ = refracted_sun(sea.days[0], n)  # to the sun, as seen below still water
     # Variances of random slopes and of those of the mesh add. The cone is round: it takes the sum
     # over both random components, and the larger component of the mesh.
     spread = math.hypot(surface.roughness.along, surface.roughness.across)
@@ -157,12 +116,12 @@ def _through_slopes(scene: SeenSea, law: Refraction, view: View, depths: Sequenc
         # uniform over the solid angle of the cone: the cosine is uniform
         cos_t = 1.0 - rays.uniforms[:, 2] * cone_size
         towards = cone(axis, 1.0 - cos_t**2, rays.uniforms[:, 3])
-        hit, _ = first_hits(scene, rays.origins(), towards, below=True)
+        point, facet_normal, normal, _ = first_hits(sea, rays.origins(), towards)
         # Light travels against `towards`. Slopes take the normal that points up, the area seen
         # takes that of the facet's lower side.
-        radiance = by_slopes(law, -towards, hit.normal, -hit.facet_normal, surface.roughness)
+        radiance = by_slopes(law, -towards, normal, -facet_normal, surface.roughness)
         # rays at or below the horizontal are masked below: 1e-6 only spares a division by 0
-        tau = np.array([depth(hit.point) for depth in depths]) / np.maximum(towards[:, 2], 1e-6)
+        tau = sea.optical_depths(point) / np.maximum(towards[:, 2], 1e-6)
         # `accepted` is the cosine at the aperture, 0 outside of the field of view
         seen = radiance * np.exp(-tau) * rays.accepted(towards) * (towards[:, 2] > 0.0)
         return rays.means(seen, towards)
@@ -179,50 +138,44 @@ _OFFSET = 1e-5  # start of a ray above its facet, in local units: Embree's singl
 # coordinates of 100 by about as much
 
 
-def seen_from_air(
-    case: Case, mesh: TriangleMesh, links: Sequence[Link], days: Sequence[Daylight], photons: int
-) -> Floats:
+def seen_from_air(sea: SeenSea, view: View) -> Floats:
     """Return the radiances of the parts by shift for a receiver in the air.
 
-    Shape (wavelengths, shifts, pixels, parts) [W m-2 sr-1 nm-1], as in `seen_from_water`; the links
-    differ in their waters alone.
+    Shape (wavelengths, shifts, pixels, parts) [W m-2 sr-1 nm-1], as in `seen_from_water`.
     """
-    view, scene = view_of(links[0], photons, case.run.seed), scene_of(case, mesh, links, days)
-    blocks = [follow(scene, rays, case.run.seed) for rays in view.blocks()]
-    parts = np.concatenate(blocks, axis=1)
-    if scene.direct.any():
-        sun = scene.direct[:, None, None]
+    parts = np.concatenate([_follow(sea, rays) for rays in view.blocks()], axis=1)
+    if sea.direct.any():
+        sun = sea.direct[:, None, None]
         # the disk of the sun counts for the pixel of its centre
-        pixel = int(view.pixels_of(scene.sun[None])[0])
-        parts[:, :, pixel, SUN] += scene.direct[:, None] * sun_in_view(scene, view)
-        # with random slopes `follow` has connected the sun at each reflection
-        if not scene.rough:
-            bent = bent_sun(scene, scene.mirror, view)
-            glint = scene.at_wavelengths(bent.reshape(len(bent), -1))
-            parts[..., GLINT] += sun * (1.0 - scene.foam) * glint.reshape(parts.shape[:-1])
-    if days[0].water == "walk":
-        walked = walked_radiance(case, mesh, links, days, view, in_water=False)
-        parts[..., WATER] += walked.sum(axis=-1)
+        pixel = int(view.pixels_of(sea.sun[None])[0])
+        parts[:, :, pixel, SUN] += sea.direct[:, None] * _sun_in_view(sea, view)
+        # with random slopes `_follow` has connected the sun at each reflection
+        if not sea.rough:
+            bent = bent_sun(sea, sea.mirror, view)
+            glint = sea.at_wavelengths(bent.reshape(len(bent), -1))
+            parts[..., GLINT] += sun * (1.0 - sea.foam) * glint.reshape(parts.shape[:-1])
+    if sea.days[0].water == "walk":
+        parts[..., WATER] += walked_radiance(sea, view).sum(axis=-1)
     return parts
 
 
-def sun_in_view(scene: SeenSea, view: View) -> float:
+def _sun_in_view(sea: SeenSea, view: View) -> float:
     """Return the mean radiance of the sun's disk in the field of view, over its irradiance [sr-1].
 
     The disk has a radius of a quarter of a degree.
     """
-    sun = scene.sun
+    sun = sea.sun
     cosine = float(sun @ view.axis)
     share = view.share_of_disk(sun, math.radians(SUN_RADIUS_DEG))
     if cosine <= 0.0 or share == 0.0:
         return 0.0
     # one ray: a wave in front of the sun hides all of its small disk, or nothing
-    blocked = scene.intersector.intersect([view.center], [sun]).facet[0] >= 0
+    blocked = sea.intersector.intersect([view.center], [sun]).facet[0] >= 0
     # int L cos dOmega = E share cos, over the etendue per area, pi sin^2(psi)
     return 0.0 if blocked else share * cosine / (math.pi * view.sin2_psi)
 
 
-def follow(scene: SeenSea, view: View, seed: int) -> Floats:
+def _follow(sea: SeenSea, view: View) -> Floats:
     """Return the mean radiance of each part along the rays of a view, without the sun's disk.
 
     Shape (wavelengths, shifts, pixels, parts).
@@ -230,45 +183,47 @@ def follow(scene: SeenSea, view: View, seed: int) -> Floats:
     # columns 0 to 3 of the uniforms give the rays, the last three the random slope of a first hit
     origin, towards, u = view.origins(), view.directions(), view.uniforms[:, 4:]
     direction = towards
-    out = np.zeros((len(scene.days), len(origin), len(PARTS)))
+    out = np.zeros((len(sea.days), len(origin), len(PARTS)))
     # `weight` is the product of the reflectances so far, for the rays that are still under way
-    weight, rays = np.ones((len(scene.days), len(origin))), np.arange(len(origin))
+    weight, rays = np.ones((len(sea.days), len(origin))), np.arange(len(origin))
     # sky of unit irradiance, the same pattern at all wavelengths
-    sky, diffuse = scene.days[0].replace(diffuse=1.0).sky, [[day.diffuse] for day in scene.days]
+    sky, diffuse = sea.days[0].replace(diffuse=1.0).sky, [[day.diffuse] for day in sea.days]
     # foam reflects all irradiance evenly: radiance E R / pi
     foam_radiance = np.array(
-        [[day.foam_reflectance * day.irradiance / math.pi] for day in scene.days]
+        [[day.foam_reflectance * day.irradiance / math.pi] for day in sea.days]
     )
-    for bounce in range(_BOUNCES + 1):
-        hit, at_sea = first_hits(scene, origin, direction)
-        # What is left after the last reflection sees the sky: no light is lost. Without
-        # `second_hits` that is the first reflection.
-        if bounce == _BOUNCES or (bounce > 0 and not scene.second_hits):
+    # what is left after the last reflection sees the sky: no light is lost
+    last = _BOUNCES if sea.links[0].physics.second_hit == "trace" else 1
+    for bounce in range(last + 1):
+        *hits, at_sea = first_hits(sea, origin, direction)
+        if bounce == last:
             at_sea[:] = False
         free = ~at_sea
         out[:, rays[free], SKY] += weight[:, free] * diffuse * sky_radiance(sky, direction[free])
         if not at_sea.any():
             break
         rays, weight = rays[at_sea], weight[:, at_sea]
-        hit, back = Hit(*(v[at_sea] for v in hit)), -direction[at_sea]
-        if scene.foam > 0.0:
-            out[:, rays, FOAM] += weight * scene.foam * foam_radiance
-            weight = weight * (1.0 - scene.foam)
-        if scene.direct.any() and scene.rough:
-            out[:, rays, GLINT] += weight * _glint(scene, hit, back)
+        point, facet_normal, normal = (values[at_sea] for values in hits)
+        direction = direction[at_sea]
+        if sea.foam > 0.0:
+            out[:, rays, FOAM] += weight * sea.foam * foam_radiance
+            weight = weight * (1.0 - sea.foam)
+        if sea.direct.any() and sea.rough:
+            glint = _glint(sea, point, facet_normal, normal, -direction)
+            out[:, rays, GLINT] += weight * glint
         # the first tilt is a part of the quasi-random points, later ones, which matter less, random
         if bounce > 0:
-            u = view.later_tilts(bounce, seed)
-        rho, mirrored, water = _split(scene, direction[at_sea], hit, u[rays])
+            u = view.later_tilts(bounce, sea.case.run.seed)
+        rho, direction, water = _split(sea, direction, facet_normal, normal, u[rays])
         # the ray goes on as mirrored light; the transmitted part meets light out of the water
         out[:, rays, WATER] += weight * water
         weight = weight * rho
-        origin, direction = hit.point + _OFFSET * hit.facet_normal, mirrored
+        origin = point + _OFFSET * facet_normal
     return np.moveaxis(view.means(np.moveaxis(out, -1, 1), towards), 1, -1)
 
 
 def _split(
-    scene: SeenSea, direction: Floats, hit: Hit, draws: Floats
+    sea: SeenSea, direction: Floats, facet_normal: Floats, normal: Floats, draws: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return (reflectances, mirrored directions, radiance out of the water) of rays.
 
@@ -277,37 +232,39 @@ def _split(
     """
     rhos, leaving, mirrored = list[Floats](), list[Floats](), np.empty((len(direction), 3))
     # the same draws for both indices: reflected directions depend on the normal alone
-    for i, n in enumerate(scene.indices.tolist()):
+    for i, n in enumerate(sea.indices.tolist()):
         rho, refracted = np.empty(len(direction)), np.empty((len(direction), 3))
         split_rays(
-            direction, hit.normal, hit.facet_normal, draws, scene.surface.roughness, n, rho,
-            mirrored, refracted,
+            direction, normal, facet_normal, draws, sea.surface.roughness, n, rho, mirrored,
+            refracted,
         )  # fmt: skip
         rhos.append(rho)
-        below = scene.water[i].upwelling(-refracted).T if scene.water else np.zeros(1)
+        below = sea.water[i].upwelling(-refracted).T if sea.water else np.zeros(1)
         # radiance over the squared index does not change at the surface
         leaving.append(below * ((1.0 - rho) / n**2))
-    return scene.at_wavelengths(rhos), mirrored, scene.at_wavelengths(leaving)
+    return sea.at_wavelengths(rhos), mirrored, sea.at_wavelengths(leaving)
 
 
-def _glint(scene: SeenSea, hit: Hit, back: Floats) -> Floats:
+def _glint(
+    sea: SeenSea, point: Floats, facet_normal: Floats, normal: Floats, back: Floats
+) -> Floats:
     """Return the radiance of the sun mirrored by unresolved slopes (wavelengths, rays).
 
-    `back` (rays, 3) are unit vectors from the hits along the ray that arrived. One ray to the
+    `back` (rays, 3) are unit vectors from the points along the rays that arrived. One ray to the
     center of the sun tells whether a wave hides it.
     """
-    sun = scene.sun
-    glint = scene.at_wavelengths(
-        by_slopes(scene.mirror, back, hit.normal, hit.facet_normal, scene.surface.roughness)
+    sun = sea.sun
+    glint = sea.at_wavelengths(
+        by_slopes(sea.mirror, back, normal, facet_normal, sea.surface.roughness)
     )
     # Only points that would shine cast a ray to the sun; the density of slopes, which makes them
     # dark, is the same at all wavelengths.
-    bright = np.flatnonzero((glint[0] > 0.0) & (hit.facet_normal @ sun > 0.0))
-    start = hit.point[bright] + _OFFSET * hit.facet_normal[bright]
-    shadow = scene.intersector.intersect(start, np.broadcast_to(sun, start.shape)).facet >= 0
+    bright = np.flatnonzero((glint[0] > 0.0) & (facet_normal @ sun > 0.0))
+    start = point[bright] + _OFFSET * facet_normal[bright]
+    shadow = sea.intersector.intersect(start, np.broadcast_to(sun, start.shape)).facet >= 0
     seen = np.zeros(len(back), bool)
     seen[bright[~shadow]] = True
-    return scene.direct[:, None] * glint * seen
+    return sea.direct[:, None] * glint * seen
 
 
 @overload
@@ -427,10 +384,11 @@ def backgrounds_over(
     The links have one receiver and differ in their waters and lamps alone.
     """
     links[0].require_no_bodies("none: bodies hide and reflect no daylight here")
-    aperture = only_aperture(links[0])
-    seen = seen_from_air if aperture.center[2] > 0.0 else seen_from_water
-    sin2 = math.sin(math.radians(0.5 * aperture.fov_deg)) ** 2
+    sea, view = SeenSea(case, mesh, links, days), view_of(links[0], photons, case.run.seed)
+    radiances = (seen_from_water if sea.in_water else seen_from_air)(sea, view)
     # etendue A pi sin^2(psi) [m2 sr], which turns mean radiance into power
-    acceptance = math.pi**2 * aperture.radius**2 * sin2
-    radiances = zip(seen(case, mesh, links, days, photons), days, strict=True)
-    return [Background.of_groups(parts, acceptance, day.wavelength_nm) for parts, day in radiances]
+    acceptance = math.pi**2 * view.aperture.radius**2 * view.sin2_psi
+    return [
+        Background.of_groups(parts, acceptance, day.wavelength_nm)
+        for parts, day in zip(radiances, days, strict=True)
+    ]

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +31,7 @@ from meshtrace.daylight.light import SUN_RADIUS_DEG, Daylight
 from meshtrace.daylight.upward import Bending, QuasiSingle, Reflection, slopes_to
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.chains.sets import shifted, shifted_points
-from meshtrace.engine.setup.arrays import frame_of, surface_arrays
+from meshtrace.engine.setup.arrays import frame_of, integral, surface_arrays
 from meshtrace.engine.setup.options import Case
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import MeshArrays
@@ -48,10 +49,8 @@ _CURVED = 0.5  # tuned: allowance for a gap that is not linear over a facet, in 
 # between the corners; a larger one tries more facets
 _SUN_RADIUS = math.radians(SUN_RADIUS_DEG)
 _STEP = 1e-4  # of derivatives, in barycentric coordinates: central differences err by its square
-
-
-Depth = Callable[[Floats], Floats]
-"""Vertical optical depth from points (n, 3) of the surface to a receiver in the water."""
+LEVELS = 4000
+"""Nodes of an optical depth: 2.5 mm over 10 m, for layers and bubbles."""
 
 
 class View(NamedTuple):
@@ -182,17 +181,43 @@ def only_aperture(link: Link) -> Aperture:
     return link.receivers[0]
 
 
-class SeenSea(NamedTuple):
-    """Sea and light that the rays of a view meet."""
+class SeenSea:
+    """Sea and daylight that the rays of a receiver meet, in the local coordinates of its link.
 
-    intersector: EmbreeIntersector
-    surface: MeshArrays
-    days: Sequence[Daylight]  # at each wavelength, of one pattern and sun
-    indices: Floats  # of the water over that of the air: one, or the smallest and the largest
-    share: Floats  # (wavelengths,) weight of the last index in a linear interpolation
-    foam: float  # share of the surface that is covered with it
-    water: Sequence[QuasiSingle]  # at the indices; empty where light out of the water is left out
-    second_hits: bool  # whether mirrored rays may meet the sea again
+    Parameters
+    ----------
+    case : Case
+        Seed, threads and normals of the run.
+    mesh : TriangleMesh
+        The surface [m].
+    links : sequence of Link
+        The link at each wavelength, with one receiver; they differ in their waters and lamps alone.
+    days : sequence of Daylight
+        Daylight at each wavelength, of one pattern and sun.
+    """
+
+    def __init__(
+        self, case: Case, mesh: TriangleMesh, links: Sequence[Link], days: Sequence[Daylight]
+    ) -> None:
+        self.case, self.mesh, self.links, self.days = case, mesh, links, days
+        link, self.frame = links[0], frame_of(links[0])
+        self.in_water = only_aperture(link).center[2] < 0.0
+        local = self.frame.mesh(mesh)
+        self.intersector = EmbreeIntersector(local, case.threads)
+        self.surface = surface_arrays(local, case.meshing.normals, link.physics.unresolved)
+        # Dispersion is so small that light is linear in the index of the water over that of the
+        # air: two ends serve all wavelengths, one where they are equal (`np.unique`; the weights of
+        # the second are then 0, not 0 / 0).
+        n = np.array([wave_link.water.n / wave_link.n_air for wave_link in links])
+        self.indices = np.unique([n.min(), n.max()])
+        self._share = (n - self.indices[0]) / (np.ptp(self.indices) or 1.0)
+        # share of the surface that foam covers
+        self.foam = 1.0 - link.whitecaps.transmittance if link.whitecaps else 0.0
+        # light out of the water at the indices; none where it is left out
+        self.water = list[QuasiSingle]()
+        if days[0].water == "quasi-single" and not self.in_water:
+            waters, bubbles = [x.water for x in links], [x.bubbles for x in links]
+            self.water = [QuasiSingle(waters, bubbles, i, days) for i in self.indices.tolist()]
 
     @property
     def direct(self) -> Floats:
@@ -210,7 +235,17 @@ class SeenSea(NamedTuple):
         `values` has one array at each index, (n,) or (wavelengths, n).
         """
         first, last = values[0], values[-1]
-        return np.asarray(first + self.share[:, None] * (last - first))
+        return np.asarray(first + self._share[:, None] * (last - first))
+
+    def optical_depths(self, points: Floats) -> Floats:
+        """Return the vertical optical depths (wavelengths, n) of a receiver below points (n, 3)."""
+        z = self.frame.unit * points[:, 2]
+        return np.array([depth(z) for depth in self._depths])
+
+    @cached_property
+    def _depths(self) -> list[Callable[[Floats], Floats]]:
+        """Functions of the height of the surface for the depth of the receiver, by wavelength."""
+        return [optical_depth(link, -only_aperture(link).center[2]) for link in self.links]
 
     @property
     def mirror(self) -> Reflection:
@@ -223,49 +258,39 @@ class SeenSea(NamedTuple):
         return self.surface.roughness.along > 0.0 or self.surface.roughness.across > 0.0
 
 
-def scene_of(
-    case: Case, mesh: TriangleMesh, links: Sequence[Link], days: Sequence[Daylight]
-) -> SeenSea:
-    """Return sea and light at the wavelengths of links, in the local coordinates of these."""
-    link = links[0]
-    local = frame_of(link).mesh(mesh)
-    n = np.array([wave_link.water.n / wave_link.n_air for wave_link in links])
-    # Dispersion is so small that light is linear in the index: two ends serve all wavelengths, one
-    # where they are equal (`np.unique`; the shares are then 0, not 0 / 0).
-    indices, water = np.unique([n.min(), n.max()]), list[QuasiSingle]()
-    if days[0].water == "quasi-single" and only_aperture(link).center[2] > 0.0:
-        waters, bubbles = [x.water for x in links], [x.bubbles for x in links]
-        water = [QuasiSingle(waters, bubbles, index, days) for index in indices.tolist()]
-    return SeenSea(
-        intersector=EmbreeIntersector(local, case.threads),
-        surface=surface_arrays(local, case.meshing.normals, link.physics.unresolved),
-        days=days,
-        indices=indices,
-        share=(n - indices[0]) / (np.ptp(indices) or 1.0),
-        foam=1.0 - link.whitecaps.transmittance if link.whitecaps else 0.0,
-        water=water,
-        second_hits=link.physics.second_hit == "trace",
-    )
+def optical_depth(link: Link, depth: float) -> Callable[[Floats], Floats]:
+    """Return a function that gives the vertical optical depth from the surface to a depth [m].
 
+    Its argument is an array of heights z [m] of the surface, z up from the mean level. The water of
+    crests, above that level, has no bubbles.
+    """
+    levels = np.linspace(0.0, depth, LEVELS)
+    a, b = link.water.profile(levels)
+    c = a + b
+    if link.bubbles is not None:
+        c = c + link.bubbles.b(levels)
+    path = integral(c, levels[1])  # optical depth from the mean level down to each node
+    top = float(a[0] + b[0])  # [m-1]
 
-class Hit(NamedTuple):
-    """Points where rays meet the sea, one row each; normals point up."""
+    def below(z: Floats) -> Floats:
+        # a trough lacks the water above it, a crest adds water like that at the top
+        above = np.interp(np.maximum(-z, 0.0), levels, path)
+        return np.asarray(path[-1] - above + top * np.maximum(z, 0.0))
 
-    point: Floats  # (rays, 3)
-    facet_normal: Floats
-    normal: Floats  # that bends light: interpolated between the corners, or the facet's
+    return below
 
 
 def first_hits(
-    scene: SeenSea, origin: Floats, direction: Floats, *, below: bool = False
-) -> tuple[Hit, NDArray[np.bool_]]:
-    """Return the hits of rays on the sea, level beyond the mesh, and the mask of rays with one.
+    sea: SeenSea, origin: Floats, direction: Floats
+) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
+    """Return where rays meet the sea, level beyond the mesh, and the mask of rays that do.
 
-    Rays come from the air, or from `below`. Where the mask (rays,) is False hits mean nothing.
+    Points, normals of the facets and normals that bend light, (rays, 3) each, all normals upwards.
+    They mean nothing where the mask (rays,) is False.
     """
-    side = -1.0 if below else 1.0  # times a normal: points to the side that rays come from
+    side = -1.0 if sea.in_water else 1.0  # times a normal: towards the receiver
     # `facet` is -1 for rays that miss the mesh: the values of the last facet are replaced below
-    hits, surface = scene.intersector.intersect(origin, direction), scene.surface
+    hits, surface = sea.intersector.intersect(origin, direction), sea.surface
     facet = hits.facet
     facet_normal = surface.face_normals[facet]
     on_mesh = (facet >= 0) & (side * np.einsum("ij,ij->i", facet_normal, direction) < 0.0)
@@ -284,17 +309,17 @@ def first_hits(
     # An interpolated normal may turn away from a grazing ray that meets its facet from the front.
     behind = side * np.einsum("ij,ij->i", normal, direction) >= 0.0
     normal[behind] = facet_normal[behind]
-    return Hit(point, facet_normal, normal), on_mesh | (side * direction[:, 2] < 0.0)
+    return point, facet_normal, normal, on_mesh | (side * direction[:, 2] < 0.0)
 
 
-def bent_sun(scene: SeenSea, law: Bending, view: View, depths: Sequence[Depth] = ()) -> Floats:
+def bent_sun(sea: SeenSea, law: Bending, view: View) -> Floats:
     """Return the mean radiance of sunlight bent to the view, over the sun's irradiance [sr-1].
 
     Shape (indices, shifts, pixels) for a reflection, (wavelengths, shifts, pixels) for a
-    refraction, with the optical depths from the surface to the receiver at each wavelength.
-    Shadows of the sun by other waves are left out, and so is light bent twice.
+    refraction, which the water dims. Shadows of the sun by other waves are left out, and so is
+    light that is bent twice.
     """
-    surface, per_shift = scene.surface, view.per_shift
+    surface, per_shift = sea.surface, view.per_shift
     # the first few rays of each shift stand for its points
     chosen = (per_shift * np.arange(SHIFTS)[:, None] + np.arange(min(_POINTS, per_shift))).ravel()
     corners = _corners(surface, slice(None))
@@ -317,7 +342,7 @@ def bent_sun(scene: SeenSea, law: Bending, view: View, depths: Sequence[Depth] =
     u = view.uniforms[chosen, 2:4][np.arange(len(chosen)) - odd]
     suns = cone(law.sun, math.sin(_SUN_RADIUS) ** 2 * u[:, 0], u[:, 1] + 0.5 * odd)
     irradiances = [
-        _irradiance(scene, near, law._replace(sun=sun), view, point, depths)
+        _irradiance(sea, near, law._replace(sun=sun), view, point)
         for sun, point in zip(suns, points, strict=True)
     ]
     # (indices, pixels, shifts)
@@ -356,14 +381,13 @@ def _may_vanish(gaps: Floats, slack: Floats | float) -> NDArray[np.bool_]:
 
 
 def _irradiance(
-    scene: SeenSea, facets: NDArray[np.int64], law: Bending, view: View, point: Floats,
-    depths: Sequence[Depth],
-) -> Floats:  # fmt: skip
-    """Return the irradiance by refracted sunlight at a point of the aperture, over the sun's.
+    sea: SeenSea, facets: NDArray[np.int64], law: Bending, view: View, point: Floats
+) -> Floats:
+    """Return the irradiance by bent sunlight at a point of the aperture, over the sun's.
 
-    Shape (indices, pixels) for a reflection, (wavelengths, pixels) for a refraction with `depths`.
+    Shape (indices, pixels) for a reflection, (wavelengths, pixels) for a refraction.
     """
-    corner, normals = _corners(scene.surface, facets)
+    corner, normals = _corners(sea.surface, facets)
     possible = _may_vanish(_gaps(law, point, corner, normals), 0.0)
     corner, normals = corner[possible], normals[possible]
 
@@ -381,19 +405,19 @@ def _irradiance(
         inside &= np.abs(gap(u)).max(axis=1) < 1e-9
         det = np.abs(np.linalg.det(_jacobian(gap, u)[inside]))
     if not inside.any():
-        return np.zeros((len(depths) or np.size(law.n), view.pixels))
+        return np.zeros((len(sea.links) if sea.in_water else np.size(law.n), view.pixels))
     edges = corner[inside][:, 1:, :2] - corner[inside][:, :1, :2]
     # from barycentrics to (x, y): det d(gap)/d(x, y) = det d(gap)/du / det d(x, y)/du
     det = det / np.abs(np.linalg.det(edges))
     place = _blend(u, corner)[inside]
     distance = np.linalg.norm(point - place, axis=1)
     ray = (point - place) / distance[:, None]
-    first = scene.intersector.intersect(np.broadcast_to(point, ray.shape), -ray).distance
+    first = sea.intersector.intersect(np.broadcast_to(point, ray.shape), -ray).distance
     # Visible from the receiver where the ray meets nothing nearer than the facet itself, whose
     # distance Embree rounds to single precision: 1e-3 is far above that (tuned).
     seen = first > distance * (1.0 - 1e-3)
     light_in = law.strength(ray, law.normal(ray)) * view.accepted(-ray) / (distance**2 * det)
-    tau = np.array([depth(place) for depth in depths] or [np.zeros(len(place))])
+    tau = sea.optical_depths(place) if sea.in_water else np.zeros((1, len(place)))
     # the equation of the module, F cos(theta_y) / (R^2 det), dimmed along the slanted ray
     irradiance = (light_in * np.exp(-tau / np.abs(ray[:, 2])))[:, seen]
     pixel = view.pixels_of(-ray[seen])
