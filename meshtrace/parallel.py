@@ -1,4 +1,4 @@
-"""Threads and processes: ordered maps, their pace, limits of BLAS, safe starts of Python."""
+"""Threads and processes: ordered maps, expected times, limits of BLAS, safe starts of Python."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def cores() -> int:
 
 
 def default_threads(threads: int | None = None) -> int:
-    """Return a given number of threads, 1 to 1024, or by default all cores of the process."""
+    """Return a checked number of threads, 1 to 1024, by default all cores of the process."""
     if threads is None:
         return cores()
     require_whole(threads, 1, 1024, "threads")
@@ -85,7 +85,7 @@ def import_path() -> str:
 
 @contextmanager
 def safe_processes() -> Iterator[None]:
-    """Start all Python processes of a block, other packages' included, like `python_start`."""
+    """Start all Python processes of a block, also those of other packages, like `python_start`."""
     before = {name: os.environ.get(name) for name in _SAFE}
     os.environ.update(_SAFE)
     try:
@@ -257,7 +257,7 @@ _MEASURED = 1.0
 
 
 class LongWork(UserWarning):
-    """Warning that a work is expected to take minutes or more."""
+    """Warning that a computation is expected to take minutes or more."""
 
 
 def announce(seconds: float, work: str, least: float = LONG) -> None:
@@ -267,7 +267,7 @@ def announce(seconds: float, work: str, least: float = LONG) -> None:
 
 
 class Pace:
-    """Pace of a work: its first results tell how long all will take, which is announced.
+    """Rate of a computation, by which its first results announce the expected time of all.
 
     Parameters
     ----------
@@ -303,7 +303,7 @@ def paced(
     work: str,
     size: Callable[[Result], float] = lambda _: 1.0,
 ) -> Generator[Result, None, None]:
-    """Yield results, and announce the expected time of all, by the rate of the first ones.
+    """Yield results, and announce the expected time of all by the rate of the first.
 
     Parameters
     ----------

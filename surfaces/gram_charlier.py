@@ -1,4 +1,4 @@
-"""Skewness and peakedness of the slopes of the sea, and a density that has both."""
+"""Skewness and peakedness of the slopes of the sea, and a density with both."""
 
 from __future__ import annotations
 
@@ -246,7 +246,7 @@ SlopeLaw = Annotated[SlopeLawName | GramCharlier, BeforeValidator(_read)]
 
 
 def require_random(law: str | GramCharlier, mss: Mss) -> None:
-    """Refuse a density of random slopes for a sea without any."""
+    """Refuse a density of random slopes for a sea without random slopes."""
     if law != "gaussian" and mss == "band":
         raise Refused("slope_law", law, 'gaussian with mss = "band": no slopes are random')
 

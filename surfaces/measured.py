@@ -355,7 +355,7 @@ def _band(
 def _stated(
     spreading: Any, freq: Floats, theta: Floats, peak: float, wind_speed: float | None
 ) -> Floats:
-    """Return the energy fractions by direction at each frequency, from a spreading."""
+    """Return the shares of energy by direction at each frequency, from a spreading."""
     if spreading is None:
         raise Refused("spreading", None, "a spreading: one gauge does not see directions")
     # spreadings take angles from -pi to pi
@@ -377,7 +377,7 @@ def _of_array(
     elevation: Floats, step: float, positions: Any, length: int,
     freq: Floats, theta: Floats, depth: float | None,
 ) -> Floats:  # fmt: skip
-    """Return the energy fractions by direction at each frequency, from an array of gauges."""
+    """Return the shares of energy by direction at each frequency, from an array of gauges."""
     n = elevation.shape[1]
     allowed = f"{n} pairs (x, y) [m], one for each gauge, three or more not on a line"
     at = require_array(() if positions is None else positions, "positions", allowed)

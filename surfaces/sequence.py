@@ -348,7 +348,7 @@ def _plain(value: Any) -> Any:
 
 
 class MeshSequence(Model, frozen=True):
-    """A surface as meshes in files, one for each time.
+    """A surface given by one mesh file for each time.
 
     Parameters
     ----------
@@ -498,7 +498,7 @@ class MeshSequence(Model, frozen=True):
         fine_extent: float | None = None,
         coarse_spacing: float | None = None,
     ) -> TriangleMesh:
-        """Return the mesh at a time [s], on the facets of the frames; `extent` has no effect.
+        """Return the mesh at a time [s], with the facets of the frames; `extent` has no effect.
 
         Raises
         ------

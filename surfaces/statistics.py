@@ -58,9 +58,9 @@ class SlopeSpectrum(NamedTuple):
         cls,
         spectrum: Spectrum,
         spreading: Spreading,
-        omega_max: float | None = None,
-        depth: float | None = None,
-        capillary: bool = True,
+        omega_max: float | None,
+        depth: float | None,
+        capillary: bool,
     ) -> SlopeSpectrum:
         """Return the slopes of waves up to a frequency, or of all waves down to 1.3 mm."""
         # A hundredth of the peak's wavenumber is a tenth of its frequency (omega^2 = g k), where a
@@ -199,7 +199,7 @@ class SlopeSpectrum(NamedTuple):
 
 
 def _product(few: Floats, many: Floats) -> Floats:
-    """Return few @ many.T for arrays of few and of many rows.
+    """Return few @ many.T, for one array with few rows and one with many.
 
     Below 16 rows (tuned) without BLAS, as starting its threads takes longer than the product.
     """

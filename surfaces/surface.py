@@ -1,4 +1,4 @@
-"""Sea surfaces: the base class with its mesh, planes, and sums of plane waves, linear or not."""
+"""Sea surfaces: the base class, planes, and sums of plane waves, linear or choppy."""
 
 from __future__ import annotations
 
@@ -414,7 +414,7 @@ class WaveSurface(Surface, frozen=True):
 
 
 def _require_upward(points: Floats, spacing: float) -> None:
-    """Refuse a single sheet with facets too large to face up."""
+    """Refuse a choppy sheet whose facets are so large that some face down."""
     x, y = points[..., 0], points[..., 1]
     ax, ay, bx, by = np.diff(x, axis=0), np.diff(y, axis=0), np.diff(x), np.diff(y)
     # twice the area of the triangles at each corner of the cells
@@ -468,7 +468,7 @@ class SinusoidalSea(WaveSurface, frozen=True):
 
     @cached_property
     def components(self) -> WaveComponents:
-        """The one wave as arrays of length one."""
+        """The wave, as arrays of length one."""
         k = 2.0 * math.pi / self.wavelength
         omega = angular_frequency(k, self.depth, self.capillary)
         heading = math.radians(self.direction_deg)

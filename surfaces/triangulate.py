@@ -1,4 +1,4 @@
-"""Triangle meshes: of sheets over tensor grids, uniform or graded, and of other programs."""
+"""Triangle meshes of sheets over uniform or graded grids, and from other programs."""
 
 from __future__ import annotations
 
@@ -316,7 +316,7 @@ def from_trimesh(
 
 
 def unfit(reason: str, allowed: str) -> Refused:
-    """Return the refusal of a source of meshes: what it is, and what is allowed."""
+    """Return the refusal of a source of meshes, for the caller to raise."""
     return Refused("source", Described(reason), allowed)
 
 
@@ -401,7 +401,7 @@ def _area_vectors(vertices: Floats, faces: NDArray[np.int64]) -> Floats:
 
 
 def _outline(n: int, faces: NDArray[np.int64], cross: Floats, overhangs: bool) -> NDArray[np.int64]:
-    """Return the directed boundary edges (e, 2); refuse all but one open piece that faces up.
+    """Return the directed boundary edges (e, 2) of one open piece that faces up; refuse others.
 
     `cross` holds the area vectors of the facets, and `n` is the number of vertices.
     """

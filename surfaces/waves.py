@@ -1,4 +1,4 @@
-"""Plane waves: their dispersion, and sums of them, by points and on tensor grids.
+"""Plane waves: dispersion, and their sums at points and on tensor grids.
 
 z = sum_i a_i cos(omega_i t - kx_i x - ky_i y + phase_i)
 
@@ -306,7 +306,7 @@ def flat_components(
     phase: Floats | float,
     current: tuple[float, float] | None = None,
 ) -> WaveComponents:
-    """Return the waves of a table over frequency and direction as flat arrays.
+    """Flatten a table of waves over frequency and direction.
 
     Parameters
     ----------

@@ -88,7 +88,7 @@ class MieTable:
 
 @lru_cache(maxsize=1)
 def _miepython() -> ModuleType:
-    """Import miepython with its compiled backend."""
+    """Import miepython with compiled functions, kept in the cache of kernels."""
     from meshtrace.kernels.jit import foreign_kernels
 
     # miepython reads the variable when it is imported

@@ -222,7 +222,7 @@ def _values(cells: Cells, index: int, name: str, missing: list[float]) -> Floats
 
 
 def _whole(frame: Any, name: str, file: Path) -> Any:
-    """Return a coefficient (depths, wavelengths) including pure water; None if it is absent."""
+    """Return a coefficient (depths, wavelengths) including that of pure water; None if absent."""
     for field, lacks_water in zip(_FIELDS[name], (False, True), strict=True):
         if "wavelength" in frame and field in frame:
             table = frame.pivot_table(index="at", columns="wavelength", values=field)
@@ -283,7 +283,7 @@ def _read_argo(file: Path) -> Constituents:
 
 
 def _good(data: Any, name: str, profile: int) -> Floats:
-    """Return the values of a profile, in the units of `_ARGO`; nan unless of good quality."""
+    """Return the values of a profile in the units of `_ARGO`, nan where of bad quality."""
     # adjusted values are calibrated; raw ones stand in where a profile has none
     for variable in (f"{name}_ADJUSTED", name):
         if variable not in data:

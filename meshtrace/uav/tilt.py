@@ -431,7 +431,7 @@ def compare_laws(
     approximation: TiltLaw,
     points: Annotated[int, Field(ge=2, le=10**6)] = 400,
 ) -> LawComparison:
-    """Return the distance of an approximate law of the tilt from the exact one.
+    """Return measures of the error of an approximate law of the tilt.
 
     Parameters
     ----------
