@@ -54,10 +54,10 @@ class StateRuns(NamedTuple):
         """Return the runs with the key of the range, and the axes of all."""
         axes = [item.axis() for item in inputs]
         if len(bounds) > 1:
-            raise Refused("over", list(bounds), "one key")
+            raise Refused("bounds", list(bounds), "one key")
         for name, (low, high) in checked_bounds(bounds).items():
             if key_in_file(name) in map(key_in_file, self.names):
-                raise Refused("over", name, "a key that is no input")
+                raise Refused("bounds", name, "a key that is no input")
             axes.append(Axis(name, low, high, False))
         return self._replace(names=tuple(axis.name for axis in axes)), axes
 

@@ -48,7 +48,7 @@ def availability(
     bit_rate: float | None = None,
     limit: ErrorRate = 1e-3,
     outage: Probability = 0.01,
-    over: Bounds | None = None,
+    bounds: Bounds | None = None,
     target: Probability = 0.9,
     runs: Annotated[int, Field(ge=8, le=100_000)] = 32,
     realizations: Annotated[int, Field(ge=4, le=100_000)] = 16,
@@ -74,7 +74,7 @@ def availability(
         Largest bit error rate of a working link.
     outage : float
         Wanted outage by fades: the share of time in a state that may miss the need.
-    over : mapping of one str to (low, high), optional
+    bounds : mapping of one str to (low, high), optional
         Key, with bounds, of which the range is asked; by default the depth, about that at
         which median inputs close the link, or about that of the link where they differ twofold.
         Empty for no range.
@@ -124,7 +124,7 @@ def availability(
     --------
     >>> import meshtrace as mt
     >>> a = mt.studies.availability(mt.Link(), {"water.a": {"samples": [0.1, 0.2, 0.4]}},
-    ...                             threshold=1e-5, over={}, runs=8, realizations=4, photons=64)
+    ...                             threshold=1e-5, bounds={}, runs=8, realizations=4, photons=64)
     >>> f"{a.year.mean_share:.2f}"
     '0.67'
     """
@@ -148,8 +148,8 @@ def availability(
         campaign.run.seed, realizations, threshold, limit,
     )  # fmt: skip
     closing: float | None = None
-    bounds: Bounds = over or {}
-    if over is None:
+    if bounds is None:
+        bounds = {}
         depth = scenario.link.depth
         if not math.isnan(depth):
             closing = study.closing_depth(scenario.link, known)

@@ -361,9 +361,9 @@ def checked_bounds(bounds: Bounds) -> dict[str, tuple[float, float]]:
     """Return the bounds of each key; refuse those that do not rise."""
     checked = {}
     for key, ends in bounds.items():
-        checked[key] = pair = require_pair(ends, f"over.{key}", "(low, high), low < high")
+        checked[key] = pair = require_pair(ends, f"bounds.{key}", "(low, high), low < high")
         if not pair[0] < pair[1]:
-            raise Refused(f"over.{key}", ends, "(low, high), low < high")
+            raise Refused(f"bounds.{key}", ends, "(low, high), low < high")
     return checked
 
 

@@ -70,7 +70,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         What calibrates the transmission, to be shown with every figure (`OokLink.status`).
     provenance : dict
         Link, sea, receiver, seeds and versions.
-    light : str
+    background_light : str
         Background light under which every figure holds.
     responses : tuple of ChannelResponse or None
         Response of the channel at each depth; None without light.
@@ -84,12 +84,12 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
     confidence: float
     status: str
     provenance: dict[str, Any] = field(default_factory=dict)
-    light: str = DARK
+    background_light: str = DARK
     responses: Annotated[tuple[ChannelResponse | None, ...], Elsewhere()] = ()
 
     def _headline(self) -> str:
         first, count = self.figures[0], len(self.figures)
-        conditions = f"{first.bit_rate / 1e6:g} Mbit/s, {name_of_light(self.light)}"
+        conditions = f"{first.bit_rate / 1e6:g} Mbit/s, {name_of_light(self.background_light)}"
         return (
             f"BER {_error_rate(first.ber.value, 3)}{_at(first.depth)}, {conditions}; "
             f"{count} point{'s' * (count > 1)}"
@@ -188,7 +188,13 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
             which = f"{receiver['pixels'] ** 2} pixels" if single else f"{len(receiver)} receivers"
             text = f"{which} combined by {_COMBINING_NAMES[name]}; gains and powers are"
             lines += ["", f"{text} those of the first alone with the same reserve"]
-        lines += ["", water, f"background light: {self.light}", *self._filters(), *self._tilts()]
+        lines += [
+            "",
+            water,
+            f"background light: {self.background_light}",
+            *self._filters(),
+            *self._tilts(),
+        ]
         lines += [*self._spreads(), *self._overloads(), *fading_lines, self.status]
         return "\n".join(lines)
 
