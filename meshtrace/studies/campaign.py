@@ -176,7 +176,7 @@ class Campaign(NamedTuple):
     def with_loop(self, run: StudyOptions, study: str) -> Campaign:
         """Return the campaign with the workers, the store and the progress of a study's options."""
         workers = run.get("workers")
-        cluster = None if workers is None else Cluster(workers).checked()
+        cluster = None if workers is None else Cluster(workers)
         store = Store(run.get("store"), study)
         return self._replace(cluster=cluster, store=store, progress=run.get("progress"))
 
@@ -352,7 +352,7 @@ class Campaign(NamedTuple):
                     if isinstance(item, Exception):
                         # workers send exceptions back as values
                         raise item
-                    ready[done] = item.numbers
+                    ready[done], _ = item
                 yield ready.pop(step)
                 self.advance()
 

@@ -12,7 +12,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, partial
 from importlib.util import find_spec
 from itertools import islice
@@ -42,7 +41,6 @@ _SILENCE = 60.0  # [s] without an answer after which a scheduler is lost; a busy
 _ALLOWED = "a running dask scheduler with workers; the same command resumes"
 
 
-@dataclass(eq=False)
 class Cluster:
     """Processes that evaluate the jobs of a loop.
 
@@ -54,24 +52,25 @@ class Cluster:
         after two seconds.
     timeout : float
         Seconds to wait for the scheduler, and for a worker.
+
+    Raises
+    ------
+    Refused
+        If an option is out of range, or several processes are asked for without dask.
     """
 
-    workers: int | str | None = None
-    timeout: float = DEFAULT_TIMEOUT
-    _shared: ExitStack | None = field(default=None, init=False, repr=False)
-    _client: distributed.Client | None = field(default=None, init=False, repr=False)
-    _turn: Lock = field(default_factory=Lock, init=False, repr=False)
-
-    def checked(self) -> Cluster:
-        """Return the cluster; refuse options out of range, and several processes without dask."""
-        if not isinstance(self.workers, str | None):
-            require_whole(self.workers, 1, 1024, "workers")
+    def __init__(self, workers: int | str | None = None, timeout: float = DEFAULT_TIMEOUT) -> None:
+        if not isinstance(workers, str | None):
+            require_whole(workers, 1, 1024, "workers")
         # this process alone needs no dask
-        if self.workers != 1 and find_spec("distributed") is None:
+        if workers != 1 and find_spec("distributed") is None:
             with extra("batch", "workers"):
                 raise ModuleNotFoundError(name="distributed")
-        require_between(self.timeout, 0.0, math.inf, "timeout", "[)")
-        return self
+        require_between(timeout, 0.0, math.inf, "timeout", "[)")
+        self.workers, self.timeout, self._turn = workers, timeout, Lock()
+        # of `keep_workers`: the client of one loop serves those that follow
+        self._shared: ExitStack | None = None
+        self._client: distributed.Client | None = None
 
     @contextmanager
     def keep_workers(self) -> Iterator[None]:

@@ -209,7 +209,6 @@ OTHER = {
     "Daylight.at": {"time": "2026-06-21T12:00Z"},
     "Dryden.preset": {"physics": "paper"},
     "Dryden.simulate_wind": {"times": TIMES},
-    "Uav.simulate_flight": {"times": TIMES},
     "Uav.tilt": {"wind": [[5.0, 0.0, 0.0]]},
     "Uav.tilt_law": {"law": "exact"},
     "Link.require_no_bodies": {"allowed": "none"},

@@ -263,7 +263,7 @@ def test_the_background_of_a_flight_has_its_tilts():
     times = [0.0, 0.5, 1.0]
     found = mt.background_series(UP, WAVE, DAY, times, photons=256, flight=FLIGHT)
     level = mt.background_series(UP, WAVE, DAY, times, photons=256)
-    tilt = np.degrees(FLIGHT.uav.simulate_flight(FLIGHT.wind, times, 1).tilt)
+    tilt = np.degrees(FLIGHT.uav.tilt(FLIGHT.wind.simulate_wind(times, 1)))
     for i, time in enumerate(times):
         at = UP.replace("receiver.tilt_deg", float(tilt[0][i]))
         at = at.replace("receiver.tilt_azimuth_deg", float(tilt[1][i]))
