@@ -91,7 +91,7 @@ def seas(text: str) -> Any:
     return count(text, "--realizations", "-n")
 
 
-def without_none(**values: Any) -> dict[str, Any]:
+def without_none(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options that the user has set."""
     return {name: item for name, item in values.items() if item is not None}
 

@@ -153,10 +153,11 @@ def converge(
     """
     require_word(what, ("gain", "fading"), "--what")
     # only what is set: each of the five studies has defaults of its own
-    chosen = opt.without_none(spacings=spacings, steps=steps, omega_max=omega_max, meshes=meshes,
-                              normals=normals, placements=placements, realizations=realizations,
-                              duration=duration, tolerance=tolerance,
-                              unresolved=unresolved)  # fmt: skip
+    chosen = opt.without_none({
+        "spacings": spacings, "steps": steps, "omega_max": omega_max, "meshes": meshes,
+        "normals": normals, "placements": placements, "realizations": realizations,
+        "duration": duration, "tolerance": tolerance, "unresolved": unresolved,
+    })  # fmt: skip
     study = _study_of(chosen, what)
     surfaces = _surfaces(_defaults(study) | chosen)
     options.run(partial(study, photons=photons, **chosen), progress(surfaces, "over the meshes"))

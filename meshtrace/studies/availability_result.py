@@ -134,7 +134,7 @@ class Availability(Stored, kind="availability", title="meshtrace availability"):
 
     @property
     def measure_first(self) -> str:
-        """Input whose knowledge takes most of the variance of the margin away."""
+        """Input that removes most of the variance of the margin once it is known."""
         return max(self.influences, key=lambda item: item.margin_first).name
 
     def _headline(self) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Unpack
 
@@ -19,7 +20,7 @@ from meshtrace.link import Link
 from meshtrace.parallel import held
 from meshtrace.scenario import Scenario
 from meshtrace.studies.availability_result import Availability
-from meshtrace.studies.availability_runs import StateRuns, key_in_file
+from meshtrace.studies.availability_runs import StateRuns, axes_of, key_in_file
 from meshtrace.studies.availability_shares import ShareSurfaces
 from meshtrace.studies.background import electronics_of
 from meshtrace.studies.campaign import DEFAULT_CHAINS, campaign_of, case_options
@@ -142,11 +143,10 @@ def availability(
     # with the choice of waves, which a campaign fixes for one wind: each run has its own
     case = Case(scenario.link, scenario.surface, scenario.run, scenario.meshing)
     meshing = case.with_options(**case_options(run)).meshing
-    names = tuple(item.name for item in known)
+    config = plain_base(scenario, (key_in_file(item.name) for item in known))
     study = StateRuns(
-        plain_base(scenario, map(key_in_file, names)), names, campaign.run.photons, meshing,
-        campaign.run.seed, realizations, threshold, limit,
-    )  # fmt: skip
+        config, campaign.run.photons, meshing, campaign.run.seed, realizations, threshold, limit
+    )
     closing: float | None = None
     if bounds is None:
         bounds = {}
@@ -157,15 +157,17 @@ def availability(
             middle = closing if depth < _FAR * closing < _FAR**2 * depth else depth
             low, high = (factor * middle for factor in _SPREAD)
             bounds = {depth_key(scenario.link): (min(low, depth), max(high, depth))}
-    study, axes = study.with_range(known, bounds)
-    value = study.value(axes[-1].name) if bounds else math.nan
+    axes = axes_of(known, bounds)
+    names = [axis.name for axis in axes]
+    value = study.value(names[-1]) if bounds else math.nan
     sobol = stats.qmc.Sobol(len(axes), rng=campaign.run.seed)
     places = sobol.random_base2(math.ceil(math.log2(runs)))[:runs]
     values = np.transpose([axis.value(places[:, k]) for k, axis in enumerate(axes)])
     study.check(axes, values[0].tolist())
     steps = [(i, *row) for i, row in enumerate(values.tolist())]
+    identity = {"runs": study.identity() | {"names": names}}
     each = campaign.evaluate(
-        lambda: study.measure, steps, "runs", {"runs": study.identity()}, lambda step: (4,), "runs"
+        lambda: partial(study.measure, names), steps, "runs", identity, lambda step: (4,), "runs"
     )
     numbers = np.array(list(each))
     if threshold is not None:

@@ -1,4 +1,4 @@
-"""The pattern of unscattered light on the plane of the receiver, without noise."""
+"""Pattern of unscattered light on the plane of the receiver, without noise."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def light_pattern(
 
 
 def pattern_ends(link: Link, surface: Any, extent: float, step: float) -> tuple[Any, Receiver]:
-    """Return source and receiver of a link that the pattern is defined for."""
+    """Return source and receiver of a link; refuse inputs without a pattern."""
     extent = require_between(extent, 0.0, math.inf, "extent")
     least, most = 2.0 * extent / _MOST_CELLS, 0.25 * extent
     allowed = f"{least:g} to {most:g} m, extent / 4"
@@ -199,7 +199,7 @@ def _strips(
 def _landed(
     link: Link, below: Callable[[Floats], Floats], points: Floats, normals: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the places (m, 2) of the cells' light on the plane, and its flux (m,).
+    """Return where the light of the surface lands on the plane (m, 2), and its flux (m,).
 
     `below` gives the vertical optical depth from heights z down to the source.
     """

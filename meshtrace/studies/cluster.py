@@ -74,7 +74,7 @@ class Cluster:
 
     @contextmanager
     def keep_workers(self) -> Iterator[None]:
-        """Share the workers that one loop starts with the loops that follow."""
+        """Share the workers of one loop with the following loops."""
         with ExitStack() as self._shared:
             try:
                 yield
@@ -111,7 +111,7 @@ class Cluster:
     def _beside(
         self, setup: Setup, waiting: deque[tuple[int, Any]], others: int
     ) -> Iterator[tuple[int, Any]]:
-        """Yield the results of jobs of this process and, once they take longer, of others.
+        """Yield results of jobs of this process and, if they take long, of other processes.
 
         A thread feeds the others, so that they also work while this process is inside a long job.
         """
@@ -182,8 +182,9 @@ class Cluster:
             for future, result in _finished(client, completed, self.timeout, ended):
                 if future.cancelled():  # by a scheduler that went away
                     break
-                i = numbers.pop(future.key)
-                yield i, result[1] if future.status == "error" else _checked(result)
+                if isinstance(result, dict):  # its environment in place of a result
+                    raise _other_worker("a worker that came late", result)
+                yield numbers.pop(future.key), result[1] if future.status == "error" else result
                 # frees the result in the memory of the worker
                 future.release()
                 submit(1)
@@ -219,13 +220,13 @@ class Restored:
         return bytes(cloudpickle.dumps(partial(type(self), *self.inputs)))
 
     def __reduce__(self) -> Any:
-        """Return the recipe, by which a worker finds the object that it has built before."""
+        """Pickle a recipe, by which a worker finds the object if it has built it before."""
         return prepared, (self._recipe,)
 
 
 @lru_cache(4)  # two loops at once, and what each of them restores
 def prepared(setup: bytes) -> Any:
-    """Return the function of the jobs of a loop, or `Restored`, set up once in this process."""
+    """Return the function of the jobs of a loop, or a `Restored`, set up once per process."""
     import cloudpickle
 
     # from the client, by the connection whose tasks are code in any case
@@ -331,15 +332,8 @@ def _portable_job() -> Callable[..., Any]:
 
 
 def _environment() -> dict[str, str]:
-    """Return the versions on which digits depend, by the code that runs on workers."""
+    """Return the versions on which results depend, by the code that runs on workers."""
     return dict(_portable_job()(None, b"", {}))
-
-
-def _checked(result: Any) -> Any:
-    """Return the result of a job; refuse a worker that described its environment instead."""
-    if isinstance(result, dict):
-        raise _other_worker("a worker that came late", result)
-    return result
 
 
 def _require_equal_workers(client: distributed.Client, timeout: float) -> None:

@@ -122,7 +122,7 @@ class Comparison(Stored, kind="comparison", title="meshtrace comparison of links
 
     @property
     def lights(self) -> tuple[str, ...]:
-        """Light under which each link is compared."""
+        """Name of the light above each link."""
         days = [record.get("daylight") for record in self.provenance]
         return tuple(DARK if day is None else str(day["light"]) for day in days)
 

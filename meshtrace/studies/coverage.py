@@ -1,4 +1,4 @@
-"""Gain at each place of the plane of the receiver."""
+"""Maps of the gain over the plane of the receiver."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.setup.arrays import frame_of
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
-from meshtrace.engine.setup.options import Analog, IrradianceMap, RunOptions, StudyOptions, resolve
+from meshtrace.engine.setup.options import Analog, IrradianceMap, RunOptions, StudyOptions
 from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths, clearest, photon_paths, scattering
 from meshtrace.errors import Described, Refused, require_between, require_finite
 from meshtrace.kernels.tints import ALONE
@@ -48,7 +48,7 @@ from meshtrace.results.series import (
 )
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.campaign import Campaign, case_options
+from meshtrace.studies.campaign import Campaign, case_of
 from meshtrace.studies.cluster import Restored
 
 _FIRST_PHOTONS = 2**20  # at most, before the first comparison with `rtol`
@@ -165,7 +165,7 @@ def coverage_map(
     the base are few, too.
     """
     options = cast(StudyOptions, run | {"workers": workers})
-    case = resolve(link, surface, **case_options(options))
+    case = case_of(link, surface, options)
     kinds = (Receiver, WaterReceiver)
     receiver = next((r for r in case.link.receivers if isinstance(r, kinds)), None)
     if receiver is None:
@@ -302,7 +302,7 @@ class _Mapped(Restored):
         return mesh_for(self._clearest, *inputs)[0]
 
     def steps(self, done: int, photons: int) -> list[_Step]:
-        """Return the steps of `photons` further ones at each time, after `done` at each."""
+        """Return the steps of `photons` more photons at each time, after `done` at each."""
         steps, n = list[_Step](), len(self.runs)
         for i in range(len(self.times)):
             # ids are consecutive over all calls: `done` of each time precede those of this call, in
@@ -398,7 +398,7 @@ class _Mapped(Restored):
         return total, error
 
     def run(self, photons: int, rtol: float | None, base: int) -> dict[int, CoverageMap]:
-        """Return the maps of the wavelengths that the photons of the base sample well.
+        """Return the maps of the wavelengths that are sampled well by the photons of the base.
 
         Photons carry all light, or the light that the images lack, unless chains take their place.
         """
@@ -474,7 +474,7 @@ class _Mapped(Restored):
         return probe.cost(factor * [sums.chains for sums in tiles]) < budget
 
     def _trusts(self, chains: CellChains, tiles: list[TileSums], sums: list[PhotonSums]) -> bool:
-        """Return whether chains light all cells as photons do, and omit little."""
+        """Return whether chains agree with photons in all cells, and omit little light."""
         assert self._image is not None
         # the first photons follow light on all its ways, without bias: they judge the chains
         gain, stderr = (values[:, :, 0] for values in self._gain_by_photons(sums))

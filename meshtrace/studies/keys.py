@@ -60,7 +60,7 @@ _BESIDES = ("detector", "daylight", "uav")
 
 @check_methods
 class Variant(NamedTuple):
-    """A link with all that belongs to it, at one value of each key.
+    """Link with its sea, detector, daylight and aircraft, at one value of each key.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ class Parameter(NamedTuple):
         return self.origin + self.scale * math.exp(move)
 
     def about(self, change: float) -> tuple[float, float]:
-        """Return the values a relative change below and above the base.
+        """Return the values at a relative change below and above the base.
 
         Offsets and angles change by a share of depth plus height, and of 10 deg.
         """

@@ -159,7 +159,7 @@ def in_water(arrivals: Light, old: Water, new: Water) -> Light:
 
 
 def edge_over(near: Neighbours, name: str, i: int) -> Floats:
-    r"""Return dh / d ln fov over realization i by window and shift, and what it rests on.
+    r"""Return dh / d ln fov over realization i by window and shift, with sums of its arrivals.
 
     Shape (3, windows, shifts): the derivative, and sums of the sizes and of the squares of the
     arrivals that it weighs.
@@ -406,7 +406,7 @@ class Quantity:
         self, gains: Floats, ook: OokLink | None, tilt: TiltFactors | None = None,
         weights: Floats | None = None,
     ) -> Floats:  # fmt: skip
-        """Return ln of the gain of all groups, then with each group left out (jackknife)."""
+        """Return the logarithm of the quantity of all gains, then without each jackknife group."""
         groups = without_each(gains)
         if weights is None and (self.name == "gain" or ook is None):
             # a mean alone, without the electronics of `log`: a study asks for thousands

@@ -248,7 +248,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         return f"range at BER {self.limit:g} ({100.0 * self.confidence:g} % interval)"
 
     def _range_lines(self, wind: str = "") -> list[str]:
-        """Describe the range of each bit rate, a line each that starts with the wind."""
+        """Describe the range of each bit rate in a line that starts with the wind."""
         bers, least, start = self.estimates("ber"), self._least_ber, ""
         # where the tilt alone exceeds the limit, the range is that of the tilts with light
         if least >= self.limit:
@@ -277,7 +277,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         return f"{estimate.value:.1f} m  ({low}..{high})"
 
     def _origin_lines(self) -> list[str]:
-        """Describe the water, and the fading by the band of waves and by all in closed form."""
+        """Describe the water, and the closed form of the fading by the band and by all waves."""
         water = f"water: {water_of(self.provenance)}"
         closed = self.provenance.get("closed_form")
         if not closed:
@@ -357,7 +357,7 @@ def _named(depth: float) -> str:
 
 
 def _error_rate(ber: float, digits: int = 2) -> str:
-    """Return a bit error rate as text, that below `_LEAST_SHOWN` as a bound."""
+    """Return a bit error rate as text; below `_LEAST_SHOWN` as a bound."""
     return f"{ber:.{digits}e}" if ber >= _LEAST_SHOWN else f"< {_LEAST_SHOWN:g}"
 
 
@@ -377,7 +377,7 @@ def _figures_line(f: OperatingPoint) -> str:
 
 
 def _penalty(f: OperatingPoint) -> str:
-    """Return as text by how much more power makes up for the intersymbol interference."""
+    """Describe the extra power that makes up for intersymbol interference."""
     if f.rms_delay_spread.value * f.bit_rate < SHORT:
         return f"below {SHORT:g} bit: taken as instantaneous"
     if math.isinf(f.dispersion_db):
@@ -538,7 +538,7 @@ def link_performance(
             campaign.link, ooks[0], combining, light_of(campaign, day) or flown
         )
         campaign = campaign._replace(per_pixel=True)
-        ensemble = Ensemble(campaign, realizations, flown, tuple(at_nm), computed, array)
+        ensemble = Ensemble(campaign, realizations, flown, at_nm, computed, array)
         links = _links(ooks[0].channel(campaign.link), depths)
         return _over_depths(ensemble, links, ooks, light_of(campaign, day), limit, confidence)
 

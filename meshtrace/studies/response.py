@@ -61,7 +61,7 @@ def mean_response(ook: OokLink, campaign: Campaign, seas: int) -> MeanResponse |
 
 @held
 def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
-    """Return the responses of the one link of a campaign, or of all its wavelengths.
+    """Return the response of the only link of a campaign, or one for each wavelength.
 
     Each with the gain of its own wavelength.
     """
@@ -79,7 +79,7 @@ def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
 def _arrivals_over(
     campaign: Campaign, meshes: list[TriangleMesh]
 ) -> Callable[[TriangleMesh], Sequence[ArrivalTally]]:
-    """Return a function of a mesh, which gives the arrivals over it at each wavelength."""
+    """Return a function that computes the arrivals over a mesh at each wavelength."""
     links, run, normals = list(campaign.links.values()), campaign.run, campaign.meshing.normals
     if isinstance(run.estimator, Analog):
 
@@ -224,12 +224,12 @@ class Responses:
         return shifted or seen.rms_spread * ook.bit_rate >= _IDLE * SHORT
 
     def spreads(self, at: Variant) -> bool:
-        """Return whether the response of its link spreads the pulses of a variant."""
+        """Return whether the response of the channel spreads the pulses of a variant."""
         ook = self.behind(at).detector if self.count(at) else None
         return ook is not None and ook.spread_in_bits >= SHORT
 
     def behind(self, at: Variant, part: bool = False) -> Variant:
-        """Return a variant with its transmission behind the response of its link.
+        """Return a variant whose transmission includes the response of its channel.
 
         That of all chains, or of a third of them: its square error is three times as large, and
         that of the difference of both twice.

@@ -40,7 +40,7 @@ Item = tuple[Floats, str]
 
 
 class Kept:
-    """Finished items of one loop by their keys; nothing is kept without a file."""
+    """Finished items of one loop by key, kept in a file if there is one."""
 
     def __init__(
         self,
@@ -237,7 +237,7 @@ class Store:
         self._end += sum(map(len, sound))
 
     def _take(self, line: bytes) -> bool:
-        """Take up the identity or the item of a line; return whether the line is sound."""
+        """Add the identity or the item of a line; return whether the line is undamaged."""
         digest, _, content = line.removesuffix(b"\n").partition(b" ")
         if not line.endswith(b"\n") or digest.decode("latin-1") != _digest(content):
             return False
@@ -250,7 +250,7 @@ class Store:
         return True
 
     def _take_content(self, content: dict[str, Any]) -> None:
-        """Take up the identity of a loop, or the numbers of an item."""
+        """Add the identity of a loop, or the numbers of an item."""
         if "loop" in content:
             name, identity = content["loop"], content["identity"]
             if not isinstance(name, str) or not isinstance(identity["study"], str):
@@ -271,7 +271,7 @@ class Store:
 
 
 def is_store(path: Path) -> bool:
-    """Return whether there is a file that begins like a store."""
+    """Return whether a file exists and begins like a store."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -399,7 +399,7 @@ def _lives_elsewhere(owner: dict[str, Any]) -> bool:
 
 @contextmanager
 def _brief_interruption(text: str) -> Iterator[None]:
-    """Raise an interruption of the block again, with a text and without its frames.
+    """Re-raise an interruption of the block with a text, without its traceback.
 
     A step that is interrupted is some forty lines of frames deep, which tell a user nothing.
     """

@@ -178,7 +178,8 @@ def test_samples_of_files(tmp_path):
     assert cdom.of_month(2).max() == pytest.approx(0.1, rel=1e-3)
     # one file: the values of the same times
     assert speed.record == height.record != ""
-    inputs = [speed._replace(values=(wind * 1.0,)), height._replace(values=(hs,))]
+    speed.values, height.values = (wind * 1.0,), (hs,)
+    inputs = [speed, height]
     axes = [item.axis() for item in inputs]
     values = np.transpose([axis.value(np.linspace(0, 1, 8)) for axis in axes])
     rows = np.transpose([np.exp(values[:, 0]), np.ones(8), 0.1 * np.ones(8), np.ones(8)])

@@ -114,7 +114,7 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
 
 
 def starts() -> list[dict[str, str]]:
-    """Return heading, words, margin and verdict of each of the links to start from."""
+    """Return heading, words, margin and verdict of each link to start from."""
     return [
         {"name": name, "title": start["title"], "words": start["words"],
          "verdict": start["verdict"], "margin": minus(f"{start['margin']:+.1f} dB")}
@@ -154,7 +154,7 @@ def verdict(signal: Signal, series: Fading | None) -> dict[str, str]:
 
 
 def budget(signal: Signal, link: Link) -> list[dict[str, Any]]:
-    """Return the steps from the power of the lamp to the margin: names, texts and ends of bars.
+    """Return names, texts and bars of the budget, from the power of the lamp to the margin.
 
     The ends are percentages of the range of powers; the steps add up.
     """
@@ -363,7 +363,7 @@ def _digit(error: float) -> str:
 
 
 def differences(before: State, now: State) -> list[str]:
-    """Return the controls in which two states differ, as lines "label: A, B unit"."""
+    """List the controls that differ between two states as lines "label: A, B unit"."""
     a, b = before.settings, now.settings
     lines = []
     for name, control in BY_NAME.items():
