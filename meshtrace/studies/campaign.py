@@ -41,15 +41,11 @@ from meshtrace.results.provenance import provenance
 from meshtrace.results.series import checked_wavelengths
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.cluster import Cluster
+from meshtrace.studies.cluster import Cluster, Setup
 from meshtrace.studies.store import Item, Kept, Store, digest_of
 from meshtrace.uav import Dryden, Flight, TiltFactors
 
-# a step is one turn of a study's loop, such as one surface
-Setup = Callable[[], Callable[[Any], Any]]
-"""Returns the function from a step to its numbers; called in the process that evaluates steps."""
-
-# the shape of the numbers of a step; None along an axis of any size
+# the shape of the numbers of a step, one turn of a study's loop; None along an axis of any size
 ShapeOf = Callable[[Any], tuple[int | None, ...]]
 
 DEFAULT_CHAINS = 2048

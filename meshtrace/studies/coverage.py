@@ -579,8 +579,8 @@ class _Mapped(Restored):
         table = self._evaluate(
             self.setup, steps, name, identity, lambda step: (sizes[step[1]],), "runs of photons"
         )
-        for (_, run, *_), row in table:
-            tallies[run] += tallies[run].of_row(row)
+        for (_, part, *_), row in table:
+            tallies[part] += tallies[part].of_row(row)
         return tallies
 
     def _gain_by_photons(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:
