@@ -32,13 +32,7 @@ from meshtrace.results.daylight import PARTS
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.caustics import (
-    gaussian,
-    resolved_waves,
-    turned,
-    wave_sizes,
-    wavenumbers,
-)
+from meshtrace.studies.caustics import gaussian, resolved_waves, turned, wave_sizes, wavenumbers
 from meshtrace.studies.store import digest_of
 from meshtrace.surfaces import FlatSea, Surface
 from meshtrace.surfaces.waves import WaveGrid, elevation_and_slopes

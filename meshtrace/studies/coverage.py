@@ -61,7 +61,7 @@ _BLOCK = 2**18  # photons of a step; tuned: a store has a map for each step
 _Step = tuple[int, int, int, int]
 """Samples over the surface at one time: photons of a run, or chains to a tile of cells.
 
-Index of the time, index of the run or the tile, number of the first sample, number of samples. A
+Index of the time, index of the run or the tile, number of samples, number of the first of them. A
 map of several wavelengths has several runs, of different kinds of photons. Samples are numbered by
 run or tile: those from the first on have not been followed before.
 """
@@ -311,7 +311,7 @@ class _Mapped(Restored):
             # as many photons to each run
             cuts = [first + k * photons // n for k in range(n + 1)]
             steps += [
-                (i, k, start, min(_BLOCK, cuts[k + 1] - start))
+                (i, k, min(_BLOCK, cuts[k + 1] - start), start)
                 for k in range(n)
                 for start in range(cuts[k], cuts[k + 1], _BLOCK)
             ]
@@ -322,7 +322,7 @@ class _Mapped(Restored):
         return lambda step: self.tallies(*step).to_row()
 
     def tallies(
-        self, time: int, run: int, first: int, photons: int, grid: IrradianceMap | None = None
+        self, time: int, run: int, photons: int, first: int, grid: IrradianceMap | None = None
     ) -> PhotonSums:
         """Return the tallies of a step, by default in the cells of the map."""
         base, link = self.runs[run]
@@ -364,12 +364,7 @@ class _Mapped(Restored):
         chains = self.cell_chains
         assert chains is not None
         _ = chains.pilots  # computed once, before threads share them
-
-        def numbers(step: _Step) -> Floats:
-            time, tile, first, number = step
-            return chains.sums(time, tile, number, first).to_row()
-
-        return numbers
+        return lambda step: chains.sums(*step).to_row()
 
     def _shape_of_tile(self, step: _Step) -> tuple[int]:
         """Return the shape of the numbers of a tile, see `TileSums.to_row`."""
@@ -488,7 +483,7 @@ class _Mapped(Restored):
         """Follow `wanted` further chains to each tile, and return their means over the times."""
         first = {tile: earlier[tile].chains if tile in earlier else 0 for tile in wanted}
         steps = [
-            (i, tile, first[tile], chains)
+            (i, tile, chains, first[tile])
             for i in range(len(self.times))
             for tile, chains in wanted.items()
         ]
@@ -509,7 +504,7 @@ class _Mapped(Restored):
         for step, row in zip(steps, results, strict=True):
             yield step, row
             if self._campaign.progress is not None:
-                self._campaign.progress(step[-1])
+                self._campaign.progress(step[2])
 
     def _well_sampled(self, sums: list[PhotonSums], base: int) -> list[int]:
         """Return places of the links with enough effective photons in the median bright cell."""
@@ -561,7 +556,7 @@ class _Mapped(Restored):
             warn_of_lost(result)
 
         def follow(photons: int, record: Sequence[IrradianceMap]) -> PhotonSums:
-            return self.tallies(0, 0, self.options.first_photon, photons, *record)
+            return self.tallies(0, 0, photons, self.options.first_photon, *record)
 
         if self._image is None:
             warn_of_dark_map(results[0], records, follow)

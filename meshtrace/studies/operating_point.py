@@ -335,8 +335,8 @@ def operating_point(
         spread = Estimate(*(3 * (dark.response.rms_spread,)))
     elif seen is not None:
         # a response that the user gives is known, that of the chains has an error
-        dark, mean = dark.replace(response=seen.response), seen.rms_spread
-        reach = quantile * seen.rms_spread_stderr
+        response, mean, stderr = seen
+        dark, reach = dark.replace(response=response), quantile * stderr
         spread = Estimate(mean, max(mean - reach, 0.0), mean + reach)
 
     def expose(

@@ -566,7 +566,7 @@ def _over_depths(
         for ook in ooks
     ]
     ooks, light_text = _under_background(ooks, backgrounds, campaign.link)
-    responses = [None if mean is None else mean.response for mean in means.values()]
+    responses = [None if mean is None else mean[0] for mean in means.values()]
     # a sea without random phases is a single sea, whatever `realizations` says
     seas = ensemble.n if isinstance(campaign.surface, SeededSurface) else 1
     shallowest = next(iter(fades.values()))

@@ -37,6 +37,7 @@ from meshtrace.models import Model, modules_of
 from meshtrace.optics import Water
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.scenario.parts import daylight_recipe, detector_config
+from meshtrace.studies.neighbours import DECIBELS
 from meshtrace.viz import live, scenes
 
 BER_FLOOR = 1e-15
@@ -171,7 +172,7 @@ def budget(signal: Signal, link: Link) -> list[dict[str, Any]]:
     if link.water.layers is None and lamp_at is not None and lamp_at[2] * lens[2] < 0.0:
         # along the straight line between the ends, its part in the water
         share = -min(lamp_at[2], lens[2]) / abs(lamp_at[2] - lens[2])
-        water = -10.0 / math.log(10.0) * link.water.c * share * math.dist(lamp_at, lens)
+        water = -DECIBELS * link.water.c * share * math.dist(lamp_at, lens)
         steps, rest = [("lost in the water", water)], rest - water
         unscattered = signal.gain.gain_ballistic
         if unscattered is not None and (direct := float(np.ravel(unscattered)[0])) > 0.0:
@@ -354,7 +355,7 @@ def gain_difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> str:
 
 def _error_db(value: float, stderr: float) -> float:
     """Return the standard error of a value in decibels."""
-    return 10.0 / math.log(10.0) * stderr / value
+    return DECIBELS * stderr / value
 
 
 def _digit(error: float) -> str:
