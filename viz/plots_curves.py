@@ -341,7 +341,7 @@ def plot_performance(
 def _light_name(performance: LinkPerformance) -> str:
     from meshtrace.comms.background import name_of_light
 
-    return f"background light: {verbatim(name_of_light(performance.light))}"
+    return f"background light: {verbatim(name_of_light(performance.background_light))}"
 
 
 def plot_winds(result: DepthSweep, *, ax: Axes | None = None) -> Axes:

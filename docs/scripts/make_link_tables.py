@@ -109,8 +109,8 @@ def flight() -> Iterator[str]:
         mt.Dryden(wind_speed=13.0),
     )
     frames, step = 100, 5.0
-    flown = mt.Uav().simulate_flight(gusts, step * np.arange(frames), seed=1)
-    coupled_share = float(np.mean(flown.tilt.angle > np.radians(30.0)))
+    tilt = mt.Uav().tilt(gusts.simulate_wind(step * np.arange(frames), seed=1))
+    coupled_share = float(np.mean(tilt.angle > np.radians(30.0)))
     cases = {
         "on a gimbal": mt.Flight(mt.Uav(gimbal=True)),
         "fixed, factor h_alpha": mt.Flight(),

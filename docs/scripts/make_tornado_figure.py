@@ -23,7 +23,7 @@ NAMES = [
 def main():
     use_style()
     link = mt.Link().at_depth(40.0)
-    s = mt.sensitivities(link, FlatSea(), wrt=NAMES, of="range", ook=None)
+    s = mt.sensitivities(link, FlatSea(), wrt=NAMES, quantity="range", ook=None)
     print(s.summary())
     figure, ax = plt.subplots(figsize=(6.4, 4.0))
     plot_tornado(s, change=0.1, ax=ax)

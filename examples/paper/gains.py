@@ -176,9 +176,9 @@ def gain_series(setting: Setting, times: int, photons: int, analog: int) -> Figu
         for wind in ROUGH:
             made = forced(wind, form)
             series = mt.time_series(made.link, made.surface, at, photons=photons, **setting.run)
-            flight = UAV.simulate_flight(gusts(wind, form), at, setting.seed)
+            tilt = UAV.tilt(gusts(wind, form).simulate_wind(at, setting.seed))
             bubbles = _bubbles(wind, form, setting, analog)
-            factor = bubbles.value * _factor(flight.tilt.angle)
+            factor = bubbles.value * _factor(tilt.angle)
             mean = series.gain * factor
             error = factor * np.hypot(series.gain_stderr, series.gain * bubbles.relative)
             gains[form, wind] = mean, error

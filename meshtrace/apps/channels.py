@@ -1,4 +1,4 @@
-"""Models of a series of gains that generate others: Markov chains, transformed Gaussian series."""
+"""Generators of gains like those of a series: Markov chains, transformed Gaussian series."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _NOTED = 0.1  # tuned: smallest difference of autocorrelations that deserves a n
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class ChannelModel(Stored):
-    """Base of the models of a series of gains: `fit`, `sample`, and the correlation of both.
+    """Base of models of a series of gains, with the correlations of the series and the model.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ from meshtrace.results.daylight import PARTS
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario
 from meshtrace.studies.campaign import campaign_of
-from meshtrace.studies.caustics import gaussian, turned, wave_sizes, wavenumbers
+from meshtrace.studies.caustics import gaussian, resolved_waves, turned, wave_sizes, wavenumbers
 from meshtrace.studies.store import digest_of
 from meshtrace.surfaces import FlatSea, Surface
 from meshtrace.surfaces.waves import WaveGrid, elevation_and_slopes
@@ -361,10 +361,11 @@ class DepthPlan:
     ) -> None:  # fmt: skip
         self.sea, self.ray, self.depth, self.collector = sea, ray, depth, collector
         self.scattered, self.still = scattered, ray.at(depth)
-        sizes, lever = wave_sizes(sea, band), ray.lever(depth)
+        self._waves, lever = resolved_waves(sea, band), ray.lever(depth)
+        finest, slope, height = wave_sizes(sea, self._waves)
         # displacement of light [m] by the slopes of waves left out: standard deviations along and
         # across the wind
-        missing = sea.unresolved_slopes(sizes.spacing if math.isfinite(sizes.spacing) else 1.0)
+        missing = sea.unresolved_slopes(finest if math.isfinite(finest) else 1.0)
         variances = (0.0, 0.0) if missing is None else missing.vertex
         if band is not None:
             variances = sea.slopes_beyond(band)  # type: ignore[attr-defined]
@@ -372,17 +373,17 @@ class DepthPlan:
         # without slopes left out there are none along the wind
         self._wind_deg = 0.0 if missing is None else missing.direction_deg
         # depth of the lowest trough and height of the highest crest [m]
-        trough = 0.0 if collector.floating else _SLOPES * sizes.height
+        trough = 0.0 if collector.floating else _SLOPES * height
         # a collector that comes out of the water has no irradiance below it
         if trough >= depth:
             allowed = f'> {trough:.3g} m, below all troughs, or below = "waves"'
             raise Refused("depths", depth, allowed)
         # light may enter beside the cells that it reaches: bent by a slope, of 0.4 in standard
         # deviation at most (tuned), or along a slant ray from a crest above z = 0
-        displacement = _SLOPES * lever * min(sizes.slope, 0.4) + math.hypot(*ray.entry(trough))
-        self._place(tilts, sizes.spacing, displacement)
+        displacement = _SLOPES * lever * min(slope, 0.4) + math.hypot(*ray.entry(trough))
+        self._place(tilts, finest, displacement)
         self._blur(tilts)
-        self._waves, self._grid = sizes.waves, None
+        self._grid: WaveGrid | None = None
         if self._waves is not None:
             first_tile = self.x[: self._lines], self.y[: self._lines]
             self._grid = WaveGrid(self._waves.kx, self._waves.ky, *first_tile, _ERROR)

@@ -1,4 +1,4 @@
-"""Lidar through waves: the waveform that comes back to the air, and depths read from it."""
+"""Lidar through waves: the waveform of the returning light, and depths read from it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from meshtrace import (
     simulate,
 )
 from meshtrace.checks import Positive, check_call
-from meshtrace.engine.setup.options import Case, resolve
+from meshtrace.engine.setup.options import Case
 from meshtrace.errors import Described, Refused, require_word
 from meshtrace.link.link import spot_radius
 from meshtrace.mesh import SeededSurface
@@ -38,7 +38,7 @@ from meshtrace.results.tallies import (
 )
 from meshtrace.scenario import Scenario
 from meshtrace.stored import Stored, Variable
-from meshtrace.studies.campaign import realization_seed
+from meshtrace.studies.campaign import case_of, realization_seed
 from meshtrace.surfaces.waves import angular_frequency
 
 ECHOES = {"surface": "mirrored", "column": "scattered", "bottom": "bottom"}
@@ -52,7 +52,7 @@ _MARGIN = 6.0  # pulse widths before the surface and after the bottom; a Gaussia
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LidarResult(Stored, kind="lidar", title="meshtrace lidar waveform"):
-    """Waveform of the light that comes back to the air, and depths read from it.
+    """Waveform of the light that returns to the air, and depths read from it.
 
     Attributes
     ----------
@@ -302,8 +302,7 @@ def lidar(
     >>> bool(abs(result.bias("centroid")[0]) < 0.02)
     True
     """
-    options: dict[str, Any] = {"photons": photons, "seed": seed, "threads": threads}
-    case = resolve(link, surface, **{k: v for k, v in options.items() if v is not None})
+    case = case_of(link, surface, {"photons": photons, "seed": seed, "threads": threads})
     link = case.link
     if link.direction != "over" or len(link.transmitters) * len(link.receivers) != 1:
         ends = ", ".join(item.kind for _, item in link.items())

@@ -154,7 +154,7 @@ _FOV = "receiver.fov_deg"
 def optimize(
     link: Link | Scenario,
     surface: MeshSource | TriangleMesh | None = None,
-    over: Bounds | None = None,
+    bounds: Bounds | None = None,
     objective: Objective | Custom = "outage",
     constraints: Sequence[Constraint] = (),
     hover_std: tuple[float, float] = (0.0, 0.0),
@@ -176,7 +176,7 @@ def optimize(
         The start, with one receiver and, if that is in the water, one lamp.
     surface : MeshSource or TriangleMesh, optional
         The surface, by default as for `simulate`.
-    over : mapping of str to (low, high)
+    bounds : mapping of str to (low, high)
         Variables by their keys in a link file, such as receiver.fov_deg and
         detector.optics.filter_width_nm, with bounds.
     objective : {"outage", "gain", "range", "margin", "capacity"} or callable
@@ -257,12 +257,12 @@ def optimize(
     start = Variant(campaign.link, None, electronics, day, flight and flight.uav)
     lights = Lights(campaign)
     goal = Goal(objective, quantile, lights, limit)
-    variables, bounds = _variables(campaign, start, over)
+    variables, ends = _variables(campaign, start, bounds)
     spread = require_pair(hover_std, "hover_std", "two numbers >= 0 [m]")
     if min(spread) < 0.0:
         raise Refused("hover_std", hover_std, "two numbers >= 0 [m]")
     draw = partial(Sample, realizations=realizations, hover_std=spread, flight=flight)
-    search = _Search(campaign, goal, start, variables, bounds, draw)
+    search = _Search(campaign, goal, start, variables, ends, draw)
     with campaign.workers():
         optimum = search.optimum(tuple(constraints), method)
     if electronics is None or objective == "gain":
@@ -276,9 +276,9 @@ def _variables(
 ) -> tuple[list[Parameter], Floats]:
     """Return the variables and their bounds (n, 2)."""
     if not isinstance(ranges, Mapping) or not ranges:
-        raise Refused("over", ranges, "a table of names and bounds (low, high)")
+        raise Refused("bounds", ranges, "a table of names and bounds (low, high)")
     bounds = np.array(list(checked_bounds(ranges).values()))
-    variables = parameters(start, list(ranges), None, campaign.meshing.normals, "over")
+    variables = parameters(start, list(ranges), None, campaign.meshing.normals, "bounds")
     for p, pair in zip(variables, bounds, strict=True):
         for end in pair.tolist():
             p.at(start, end)

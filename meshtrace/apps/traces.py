@@ -94,7 +94,7 @@ class ChannelTrace(Stored, kind="trace", title="meshtrace channel trace"):
         return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
 
     def series(self, direction: Literal["up", "down"] = "up") -> GainSeries:
-        """Return the gains of a direction, for `fading` and plots.
+        """Return the gains of a direction as a series.
 
         Raises
         ------
@@ -110,8 +110,9 @@ class ChannelTrace(Stored, kind="trace", title="meshtrace channel trace"):
         series = GainSeries("time", self.time, gain, stderr, ballistic, error, origin)
         if prefix or self.gain_by_lamp is None:
             return series
-        pairs = {name: getattr(self, name) for name in ("gain_by_lamp", "gain_by_lamp_stderr")}
-        return replace(series, **pairs)
+        return replace(
+            series, gain_by_lamp=self.gain_by_lamp, gain_by_lamp_stderr=self.gain_by_lamp_stderr
+        )
 
     @property
     def correlation(self) -> float:
@@ -134,7 +135,7 @@ class ChannelTrace(Stored, kind="trace", title="meshtrace channel trace"):
         return f"{len(self.time):,} frames at {self.rate:g} per s, mean gain {means}"
 
     def summary(self) -> str:
-        """Return the fading of each direction, and means of the rest, as text."""
+        """Describe the fading of each direction, the tilt and the background as text."""
         lines = [self._headline(), "", self.series("up").summary()]
         if self.down_gain is not None:
             lines += ["", "downlink", self.series("down").summary()]
@@ -245,9 +246,15 @@ def channel_trace(
     for name, part in (("route", route), ("daylight", day)):
         if part is not None:
             origin[name] = part.model_dump(mode="json")
-    more: dict[str, Any] = _moved(steps, flight is not None, route is not None)
-    more |= _light(campaign, steps, day, background_rate) if day else {}
-    return replace(trace, **more, provenance=origin)
+    trace = replace(trace, provenance=origin)
+    # attitude and place of the aircraft are those of its end of the links
+    ends: list[Any] = [links[0].air_end[1] for links in steps.links or ()]
+    if flight is not None:
+        tilt, azimuth = np.array([(end.tilt_deg, end.tilt_azimuth_deg) for end in ends]).T
+        trace = replace(trace, tilt_deg=tilt, tilt_azimuth_deg=azimuth)
+    if route is not None:
+        trace = replace(trace, place=np.array([end.center for end in ends]))
+    return trace if day is None else _in_daylight(trace, campaign, steps, day, background_rate)
 
 
 def pieces_in(hours: float, rate: float) -> int:
@@ -311,11 +318,11 @@ def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
         for values in (*at_times[:, :, k].swapaxes(0, 1), mean_error[k])
     ]
     origin = {name: campaign.provenance(link) for name, link in campaign.links.items()}
-    names = ("gain_by_lamp", "gain_by_lamp_stderr") if campaign.per_lamp else ()
-    by_lamp: Any = {
-        name: at_times[:, k, 0, ends:].reshape(n, -1, ends) for k, name in enumerate(names)
-    }
-    return replace(ChannelTrace(steps.labels, *columns), **by_lamp, provenance=origin)
+    trace = ChannelTrace(steps.labels, *columns, provenance=origin)
+    if not campaign.per_lamp:
+        return trace
+    by_lamp, stderr = (at_times[:, k, 0, ends:].reshape(n, -1, ends) for k in (0, 1))
+    return replace(trace, gain_by_lamp=by_lamp, gain_by_lamp_stderr=stderr)
 
 
 def _gains_of_piece(campaign: Campaign, steps: Steps) -> Callable[[int], Floats]:
@@ -339,20 +346,10 @@ def _gains_of_piece(campaign: Campaign, steps: Steps) -> Callable[[int], Floats]
     return piece
 
 
-def _moved(steps: Steps, flight: bool, route: bool) -> dict[str, Floats]:
-    """Return the attitude and place of the aircraft at each frame."""
-    ends: list[Any] = [links[0].air_end[1] for links in steps.links or ()]
-    moved = {}
-    if flight:
-        for name in ("tilt_deg", "tilt_azimuth_deg"):
-            moved[name] = np.array([getattr(end, name) for end in ends])
-    if route:
-        moved["place"] = np.array([end.center for end in ends])
-    return moved
-
-
-def _light(campaign: Campaign, steps: Steps, day: Daylight, rate: float) -> dict[str, Floats]:
-    """Return the background of the first link at the frames next to the times of a lower rate."""
+def _in_daylight(
+    trace: ChannelTrace, campaign: Campaign, steps: Steps, day: Daylight, rate: float
+) -> ChannelTrace:
+    """Add the background of the first link at the frames next to the times of a lower rate."""
     times = steps.labels
     wanted = np.minimum(np.arange(0.0, times[-1] + 0.5 / rate, 1.0 / rate), times[-1])
     # rounding must not push a time behind its frame
@@ -362,8 +359,9 @@ def _light(campaign: Campaign, steps: Steps, day: Daylight, rate: float) -> dict
     single = campaign.for_link(campaign.link, "up")._replace(progress=None)
     lights = backgrounds(single, single.in_time(times[frames], links), day, _RAYS)
     radiance, stderr = np.array([(b.radiance, b.radiance_stderr) for b in lights]).T
-    return {
-        "background_time": times[frames],
-        "background_radiance": radiance,
-        "background_radiance_stderr": stderr,
-    }
+    return replace(
+        trace,
+        background_time=times[frames],
+        background_radiance=radiance,
+        background_radiance_stderr=stderr,
+    )

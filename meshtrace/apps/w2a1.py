@@ -1,4 +1,4 @@
-"""W2A-1, a reference case for light that crosses a wavy sea: inputs, gains of this package, checks.
+"""W2A-1, a reference case of light that crosses a wavy sea: inputs, gains and checks.
 
 The inputs, values, errors and rules of the score are in `w2a1.json`; `examples/w2a1` has the same
 file with a script that scores the results of any program.
@@ -53,7 +53,7 @@ def surface(name: str) -> SurfaceModel:
 
 
 def link(variant: str) -> Link:
-    """Return the link of a case by the part of its name behind the slash, such as "r5cm"."""
+    """Return the link of a case by the part of its name after the slash, such as "r5cm"."""
     inputs = reference()["variants"][variant]
     receiver = Receiver(
         position=(inputs["x"], 0.0), radius=inputs["radius"], fov_deg=inputs["fov_deg"]

@@ -91,7 +91,7 @@ def seas(text: str) -> Any:
     return count(text, "--realizations", "-n")
 
 
-def without_none(**values: Any) -> dict[str, Any]:
+def without_none(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options that the user has set."""
     return {name: item for name, item in values.items() if item is not None}
 
@@ -113,7 +113,9 @@ Combining = Annotated[Any, value("WORD",
     "Combining of several receivers: selection, equal or maximal.")]  # fmt: skip
 Trust = Annotated[bool, flag("--trust", _TRUST)]
 Chains = Annotated[int, count("Chains, common to all surfaces.", "--photons")]
-Bounds = Annotated[list[Any] | None, value("KEY=LOW,HIGH", _BOUNDS, "--over", parser=parse_bounds)]
+Bounds = Annotated[
+    list[Any] | None, value("KEY=LOW,HIGH", _BOUNDS, "--bounds", parser=parse_bounds)
+]
 Wavelengths = Annotated[Any, numbers(_WAVELENGTHS, "--wavelengths")]
 ErrorLimit = Annotated[float, value("BER", "Largest bit error rate of a working link, uncoded.")]
 BitRate = Annotated[float | None, value("R", "Bit rate R_b [bit s-1]; default: that of the link.")]

@@ -153,10 +153,11 @@ def converge(
     """
     require_word(what, ("gain", "fading"), "--what")
     # only what is set: each of the five studies has defaults of its own
-    chosen = opt.without_none(spacings=spacings, steps=steps, omega_max=omega_max, meshes=meshes,
-                              normals=normals, placements=placements, realizations=realizations,
-                              duration=duration, tolerance=tolerance,
-                              unresolved=unresolved)  # fmt: skip
+    chosen = opt.without_none({
+        "spacings": spacings, "steps": steps, "omega_max": omega_max, "meshes": meshes,
+        "normals": normals, "placements": placements, "realizations": realizations,
+        "duration": duration, "tolerance": tolerance, "unresolved": unresolved,
+    })  # fmt: skip
     study = _study_of(chosen, what)
     surfaces = _surfaces(_defaults(study) | chosen)
     options.run(partial(study, photons=photons, **chosen), progress(surfaces, "over the meshes"))
@@ -216,9 +217,9 @@ def design(
 
     Outage and error rate by night and by day, the best lens, field of view, filter, hover point,
     wavelength and bit rate with their flat ranges, the values at which the link just closes, and
-    the budget line by line. Best values have bounds, which --over replaces.
+    the budget line by line. Best values have bounds, which --bounds replaces.
     """
-    study = partial(mt.design, outage=outage, limit=limit, over=dict(bounds or ()) or None,
+    study = partial(mt.design, outage=outage, limit=limit, bounds=dict(bounds or ()) or None,
                     realizations=realizations, photons=photons, combining=combining)  # fmt: skip
     options.run(study, progress(realizations))
 
@@ -241,8 +242,8 @@ def optimize(
 ) -> None:  # fmt: skip
     """Search the best values of parameters over common seas, and check them on fresh ones."""
     if not bounds:
-        raise Refused("--over", MISSING, "KEY=LOW,HIGH, as in receiver.fov_deg=6,90; repeatable")
-    study = partial(mt.optimize, over=dict(bounds), objective=objective,
+        raise Refused("--bounds", MISSING, "KEY=LOW,HIGH, as in receiver.fov_deg=6,90; repeatable")
+    study = partial(mt.optimize, bounds=dict(bounds), objective=objective,
                     hover_std=hover_std, realizations=realizations, quantile=quantile,
                     bit_rate=bit_rate, limit=limit, method=method, photons=photons)  # fmt: skip
     options.run(study, progress(None, "candidates"))
@@ -254,7 +255,7 @@ def sensitivity(
     wrt: Annotated[list[str] | None, value("KEY", 'Parameter by its key in a link file, such as '
         '"water.a" or "receiver.position.0"; by default all continuous ones; repeatable.')] = None,
     quantity: Annotated[Any, value("WORD",
-        "Quantity: gain, ber, outage, range, margin or capacity.", "--of")] = "gain",
+        "Quantity: gain, ber, outage, range, margin or capacity.")] = "gain",
     realizations: Annotated[int, seas(
         "Seas; 1 is the sea as it is, more have their own phases.")] = 1,
     bit_rate: opt.BitRate = None,
@@ -268,7 +269,7 @@ def sensitivity(
     An elasticity is the change in per cent for 1 % more of the parameter. All evaluations share
     their chains and seas.
     """
-    study = partial(mt.sensitivities, wrt=wrt, of=quantity, realizations=realizations,
+    study = partial(mt.sensitivities, wrt=wrt, quantity=quantity, realizations=realizations,
                     bit_rate=bit_rate, limit=limit, step=step, photons=photons)  # fmt: skip
     options.run(study, progress(len(wrt) if wrt else None, "parameters"))
 
@@ -292,11 +293,11 @@ def availability(
     """Print the share of the year in which a link works, by month, and its range.
 
     Response surfaces of mean gain and fading over the inputs are fitted to runs at Sobol points.
-    The range is the depth, or the key of --over, at which the share is that of --target. With a
+    The range is the depth, or the key of --bounds, at which the share is that of --target. With a
     store, another threshold takes no new runs.
     """
     study = partial(mt.studies.availability, inputs=inputs, threshold=threshold, bit_rate=bit_rate,
-                    limit=limit, outage=outage, over=dict(bounds or ()) or None, target=target,
+                    limit=limit, outage=outage, bounds=dict(bounds or ()) or None, target=target,
                     runs=runs, realizations=realizations, photons=photons)  # fmt: skip
     options.run(study, progress(runs, "runs"))
 
@@ -459,7 +460,7 @@ def _daylight(model: str | None, zenith: float | None, elevation: float | None) 
 def _plain(speed: float, performance: "mt.LinkPerformance") -> dict[str, Any]:
     """Return the performance at a wind speed [m s-1] as plain data for JSON."""
     ranges = zip(performance.bit_rates, performance.range_at_ber(), strict=True)
-    names = ("limit", "confidence", "status", "light")
+    names = ("limit", "confidence", "status", "background_light")
     return {name: getattr(performance, name) for name in names} | {
         "wind_speed": speed,
         "figures": console.finite(performance.figures),

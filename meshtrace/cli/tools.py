@@ -282,8 +282,10 @@ def water(
     from meshtrace.tables import text_table
 
     console.check_plot(plot, link)
-    keys = opt.without_none(type=type_, chlorophyll=chlorophyll, cdom=cdom, minerals=minerals,
-                            temperature_c=temperature_c, salinity=salinity)  # fmt: skip
+    keys = opt.without_none({
+        "type": type_, "chlorophyll": chlorophyll, "cdom": cdom, "minerals": minerals,
+        "temperature_c": temperature_c, "salinity": salinity,
+    })  # fmt: skip
     if keys or file is not None:
         if link is not None or set_:
             conflict = Described(f"{link or set_} beside options of a water")

@@ -80,7 +80,7 @@ def view(
         from meshtrace.viz.show import require_outputs
     style = SceneStyle(color=color, edges=edges, extent=extent, spacing=spacing,
                        window_size=size, transparent=transparent)  # fmt: skip
-    inputs = _subject(file, changes) | opt.without_none(coverage=map_, time=time)
+    inputs = _subject(file, changes) | opt.without_none({"coverage": map_, "time": time})
     # before the gain is computed
     outputs = {"screenshot": screenshot, "html": html, "movie": movie, "light": pattern,
                "export": export}  # fmt: skip

@@ -134,7 +134,7 @@ class Availability(Stored, kind="availability", title="meshtrace availability"):
 
     @property
     def measure_first(self) -> str:
-        """Input whose knowledge takes most of the variance of the margin away."""
+        """Input that removes most of the variance of the margin once it is known."""
         return max(self.influences, key=lambda item: item.margin_first).name
 
     def _headline(self) -> str:
@@ -186,7 +186,7 @@ class Availability(Stored, kind="availability", title="meshtrace availability"):
             steady = "none" if math.isnan(self.steady_range) else f"{self.steady_range:.4g}"
             text = f"{self.range:.4g} +- {self.range_stderr:.2g} (with the outage: {steady})"
         elif closing is not None:
-            text += f"; median inputs close the link at {closing:.3g}: ask --over about it"
+            text += f"; median inputs close the link at {closing:.3g}: ask --bounds about it"
         return [f"{self.parameter} at {100.0 * self.target:g} % of the year: {text}", ""]
 
     def _notes(self) -> list[str]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -33,62 +33,73 @@ _NOISE_LEFT = 0.1  # of the variance of ln gain, at least what remains without i
 
 
 def key_in_file(name: str) -> str:
-    """Return the key in a link file; the spectrum of the water has no table of its own there."""
+    """Return the key as in a link file, where the spectrum of the water is part of [water]."""
     return name.replace("water.spectrum.", "water.")
 
 
-class StateRuns(NamedTuple):
-    """Runs of a study, as plain data for workers."""
+def axes_of(inputs: list[Input], bounds: Bounds) -> list[Axis]:
+    """Return the axes of the inputs and, as the last, that of the key of the range, if any."""
+    axes = [item.axis() for item in inputs]
+    if len(bounds) > 1:
+        raise Refused("bounds", list(bounds), "one key")
+    for name, (low, high) in checked_bounds(bounds).items():
+        if key_in_file(name) in (key_in_file(item.name) for item in inputs):
+            raise Refused("bounds", name, "a key that is no input")
+        axes.append(Axis(name, low, high, False))
+    return axes
 
-    config: Table
-    names: tuple[str, ...]
-    photons: int
-    meshing: Meshing
-    seed: int
-    realizations: int
-    threshold: float | None
-    limit: float
 
-    def with_range(self, inputs: list[Input], bounds: Bounds) -> tuple[StateRuns, list[Axis]]:
-        """Return the runs with the key of the range, and the axes of all."""
-        axes = [item.axis() for item in inputs]
-        if len(bounds) > 1:
-            raise Refused("over", list(bounds), "one key")
-        for name, (low, high) in checked_bounds(bounds).items():
-            if key_in_file(name) in map(key_in_file, self.names):
-                raise Refused("over", name, "a key that is no input")
-            axes.append(Axis(name, low, high, False))
-        return self._replace(names=tuple(axis.name for axis in axes)), axes
+class StateRuns:
+    """Runs of a link at values of its inputs.
+
+    Parameters
+    ----------
+    config : dict
+        The link as plain data, open to other values of the inputs.
+    photons : int
+        Chains over the seas of the fading.
+    meshing : Meshing
+        Time, resolution and waves of the surface.
+    seed, realizations, threshold, limit
+        As in `availability`.
+    """
+
+    def __init__(
+        self, config: Table, photons: int, meshing: Meshing, seed: int, realizations: int,
+        threshold: float | None, limit: float,
+    ) -> None:  # fmt: skip
+        self.config, self.photons, self.meshing = config, photons, meshing
+        self.seed, self.realizations = seed, realizations
+        self.threshold, self.limit = threshold, limit
 
     def closing_depth(self, link: Link, inputs: list[Input]) -> float:
         """Return the depth [m] at which median inputs close the link."""
-        at_depth = self._replace(names=(*self.names, depth_key(link)))
-        medians = [float(item.ppf(0.5)) for item in inputs]
+        medians = {item.name: float(item.ppf(0.5)) for item in inputs}
 
         def reserve(depth: float) -> float:
-            scenario = at_depth.scenario([*medians, depth])
+            scenario = self.scenario(medians | {depth_key(link): depth})
             result = self._mean(scenario, self.seed, 1)
             return math.log(result.gain / (self.threshold or self._need(scenario, result)))
 
         return range_of(reserve, link)[0]
 
     def check(self, axes: list[Axis], values: list[float]) -> None:
-        """Check the ends of an axis before the work."""
-        for k, axis in enumerate(axes):
+        """Check the ends of each axis, with the values of a run on all others, before the work."""
+        run = dict(zip((axis.name for axis in axes), values, strict=True))
+        for axis in axes:
             for end in (axis.low, axis.high):
-                self.scenario([*values[:k], end, *values[k + 1 :]])
+                self.scenario(run | {axis.name: end})
 
     def identity(self) -> dict[str, Any]:
         """Return what the numbers of a run depend on."""
         # another threshold takes no new runs
         limit = self.limit if self.threshold is None else None
-        return {"config": self.config, "names": list(self.names), "limit": limit,
-                "realizations": self.realizations}  # fmt: skip
+        return {"config": self.config, "limit": limit, "realizations": self.realizations}
 
-    def scenario(self, values: Any) -> Scenario:
-        """Return the scenario at values of the inputs."""
+    def scenario(self, values: Mapping[str, float]) -> Scenario:
+        """Return the scenario at values of the inputs by key."""
         table = deepcopy(self.config)
-        for name, value in zip(self.names, values, strict=True):
+        for name, value in values.items():
             set_value(table, key_in_file(name), value)
         return Scenario.from_config(table)
 
@@ -99,10 +110,13 @@ class StateRuns(NamedTuple):
             item = item.get(part, math.nan) if isinstance(item, Mapping) else math.nan
         return float(item)
 
-    def measure(self, step: tuple[Any, ...]) -> Floats:
-        """Return mean gain, its error, variance of ln gain and, if asked for, the needed gain."""
+    def measure(self, names: Sequence[str], step: tuple[Any, ...]) -> Floats:
+        """Return mean gain, its error, variance of ln gain and, if asked for, the needed gain.
+
+        A step is the number of the run and the values of the inputs of these names.
+        """
         number, *values = step
-        scenario = self.scenario(values)
+        scenario = self.scenario(dict(zip(names, values, strict=True)))
         # each run has seas and chains of its own: common ones would bias all runs alike, unseen
         seed = realization_seed(self.seed, number)
         result = self._mean(scenario, seed, _MORE_CHAINS)

@@ -63,7 +63,7 @@ _fades = cache(_Fades)  # the tables take half a second
 
 
 class ShareSurfaces:
-    """Answers of the surfaces of a study.
+    """Response surfaces of a study, and the shares of time that follow from them.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class ShareSurfaces:
 
     def _places_of_states(self, states: Floats, value: float) -> Floats:
         """Return the places of states (n, inputs) at a value of the key of the range, if any."""
-        if len(self.axes) > len(self.inputs):
+        if self._has_range:
             states = np.column_stack([states, np.full(len(states), value)])
         return self._places(states)
 
@@ -132,7 +132,7 @@ class ShareSurfaces:
         return states
 
     def _works(self, margin: Floats, log_variance: Floats) -> Floats:
-        """Return whether each state works (3, n): a share at the instant, steadily, by the mean."""
+        """Return shares of states (3, n): with their fades, with the outage, without fades."""
         table = _fades()
         steady = margin + table.quantile(self.outage, log_variance) >= 0.0
         return np.array([1.0 - table.below(-margin, log_variance), steady, margin >= 0.0])
@@ -201,23 +201,18 @@ class ShareSurfaces:
             for k, item in enumerate(self.inputs)
         )
 
-    def _curves(self) -> dict[str, Any]:
-        """Return the shares over the key of the range, and the place of the target share."""
-        names = ("curve_value", "curve_share", "curve_share_stderr", "curve_steady_share")
-        if len(self.axes) == len(self.inputs):
-            nothing = {"parameter": "", "range": math.nan, "range_stderr": math.nan}
-            return nothing | {"steady_range": math.nan} | {k: np.full(1, math.nan) for k in names}
-        axis = self.axes[-1]
-        nodes = np.asarray(axis.value(np.linspace(0.0, 1.0, _NODES)))
-        values, errors = np.array([self.shares(None, node) for node in nodes]).transpose(1, 2, 0)
-        curves = dict(zip(names, (nodes, values[0], errors[0], values[1]), strict=True))
-        reach, steady = (_crossing(nodes, curve - self.target) for curve in values[:2])
-        stderr = math.nan
-        if not math.isnan(reach):
-            slope = interpolate.PchipInterpolator(nodes, values[0])(reach, 1)
-            stderr = float(np.interp(reach, nodes, errors[0]) / max(abs(slope), 1e-300))
-        reached = {"parameter": axis.name, "range": reach, "range_stderr": stderr}
-        return reached | {"steady_range": steady} | curves
+    @property
+    def _has_range(self) -> bool:
+        """Whether a range is asked for: its axis follows those of the inputs."""
+        return len(self.axes) > len(self.inputs)
+
+    def _curves(self) -> tuple[Floats, Floats, Floats]:
+        """Return values of the key of the range (n,), and shares there with their errors (3, n)."""
+        if not self._has_range:
+            return np.full(1, math.nan), np.full((3, 1), math.nan), np.full((3, 1), math.nan)
+        nodes = np.asarray(self.axes[-1].value(np.linspace(0.0, 1.0, _NODES)))
+        shares, errors = np.array([self.shares(None, node) for node in nodes]).transpose(1, 2, 0)
+        return nodes, shares, errors
 
     def result(self, provenance: dict[str, Any]) -> Availability:
         """Return the result of the study."""
@@ -225,14 +220,27 @@ class ShareSurfaces:
         gain, gain_stderr, variance, need = self.numbers.T
         places = self._places_of_states(self._states.reshape(-1, len(self.inputs)), self.value)
         quantiles = np.exp(np.quantile(self.gain.values(places), _LEVELS))
+        nodes, shares, errors = self._curves()
+        reach, steady_reach = (_crossing(nodes, curve - self.target) for curve in shares[:2])
+        reach_stderr = math.nan
+        if not math.isnan(reach):
+            slope = interpolate.PchipInterpolator(nodes, shares[0])(reach, 1)
+            reach_stderr = float(np.interp(reach, nodes, errors[0]) / max(abs(slope), 1e-300))
         return Availability(
             periods=tuple(self._period(month) for month in (None, *months)),
             influences=self._influences(),
             need=float(need[0]) if np.ptp(need) == 0.0 else math.nan,
             outage=self.outage,
             target=self.target,
+            parameter=self.axes[-1].name if self._has_range else "",
             value=self.value,
-            **self._curves(),
+            range=reach,
+            range_stderr=reach_stderr,
+            steady_range=steady_reach,
+            curve_value=nodes,
+            curve_share=shares[0],
+            curve_share_stderr=errors[0],
+            curve_steady_share=shares[1],
             level=_LEVELS,
             gain_quantile=quantiles,
             gain_error=self.gain.error,

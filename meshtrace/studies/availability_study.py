@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Unpack
 
@@ -19,7 +20,7 @@ from meshtrace.link import Link
 from meshtrace.parallel import held
 from meshtrace.scenario import Scenario
 from meshtrace.studies.availability_result import Availability
-from meshtrace.studies.availability_runs import StateRuns, key_in_file
+from meshtrace.studies.availability_runs import StateRuns, axes_of, key_in_file
 from meshtrace.studies.availability_shares import ShareSurfaces
 from meshtrace.studies.background import electronics_of
 from meshtrace.studies.base import base_scenario, plain_base
@@ -48,7 +49,7 @@ def availability(
     bit_rate: float | None = None,
     limit: ErrorRate = 1e-3,
     outage: Probability = 0.01,
-    over: Bounds | None = None,
+    bounds: Bounds | None = None,
     target: Probability = 0.9,
     runs: Annotated[int, Field(ge=8, le=100_000)] = 32,
     realizations: Annotated[int, Field(ge=4, le=100_000)] = 16,
@@ -74,7 +75,7 @@ def availability(
         Largest bit error rate of a working link.
     outage : float
         Wanted outage by fades: the share of time in a state that may miss the need.
-    over : mapping of one str to (low, high), optional
+    bounds : mapping of one str to (low, high), optional
         Key, with bounds, of which the range is asked; by default the depth, about that at
         which median inputs close the link, or about that of the link where they differ twofold.
         Empty for no range.
@@ -124,7 +125,7 @@ def availability(
     --------
     >>> import meshtrace as mt
     >>> a = mt.studies.availability(mt.Link(), {"water.a": {"samples": [0.1, 0.2, 0.4]}},
-    ...                             threshold=1e-5, over={}, runs=8, realizations=4, photons=64)
+    ...                             threshold=1e-5, bounds={}, runs=8, realizations=4, photons=64)
     >>> f"{a.year.mean_share:.2f}"
     '0.67'
     """
@@ -142,14 +143,13 @@ def availability(
     # with the choice of waves, which a campaign fixes for one wind: each run has its own
     case = Case(scenario.link, scenario.surface, scenario.run, scenario.meshing)
     meshing = case.with_options(**case_options(run)).meshing
-    names = tuple(item.name for item in known)
+    config = plain_base(scenario, (key_in_file(item.name) for item in known))
     study = StateRuns(
-        plain_base(scenario, map(key_in_file, names)), names, campaign.run.photons, meshing,
-        campaign.run.seed, realizations, threshold, limit,
-    )  # fmt: skip
+        config, campaign.run.photons, meshing, campaign.run.seed, realizations, threshold, limit
+    )
     closing: float | None = None
-    bounds: Bounds = over or {}
-    if over is None:
+    if bounds is None:
+        bounds = {}
         depth = scenario.link.depth
         if not math.isnan(depth):
             closing = study.closing_depth(scenario.link, known)
@@ -157,15 +157,17 @@ def availability(
             middle = closing if depth < _FAR * closing < _FAR**2 * depth else depth
             low, high = (factor * middle for factor in _SPREAD)
             bounds = {depth_key(scenario.link): (min(low, depth), max(high, depth))}
-    study, axes = study.with_range(known, bounds)
-    value = study.value(axes[-1].name) if bounds else math.nan
+    axes = axes_of(known, bounds)
+    names = [axis.name for axis in axes]
+    value = study.value(names[-1]) if bounds else math.nan
     sobol = stats.qmc.Sobol(len(axes), rng=campaign.run.seed)
     places = sobol.random_base2(math.ceil(math.log2(runs)))[:runs]
     values = np.transpose([axis.value(places[:, k]) for k, axis in enumerate(axes)])
     study.check(axes, values[0].tolist())
     steps = [(i, *row) for i, row in enumerate(values.tolist())]
+    identity = {"runs": study.identity() | {"names": names}}
     each = campaign.evaluate(
-        lambda: study.measure, steps, "runs", {"runs": study.identity()}, lambda step: (4,), "runs"
+        lambda: partial(study.measure, names), steps, "runs", identity, lambda step: (4,), "runs"
     )
     numbers = np.array(list(each))
     if threshold is not None:

@@ -56,7 +56,7 @@ def background_series(
     workers: int | str | None = None,
     **run: Unpack[RunOptions],
 ) -> BackgroundSeries:
-    """Return the background of a receiver over a moving sea, with the flicker of glint.
+    """Compute the background of a receiver over a moving sea, with flickering glint.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def mean_sea(link: Link, surface: Any) -> Any:
 def background_over_seas(
     campaign: Campaign, day: Daylight, seas: int, flight: Flight | None = None
 ) -> Background:
-    """Return the mean background over the surfaces of an ensemble, by `mean_sea` if it applies.
+    """Return the mean background of an ensemble of surfaces, over its `mean_sea` if possible.
 
     Over up to 4 of them, else over up to 16. An aircraft tilts the receiver over each of 16: along
     a coupled flight, else by independent gusts. The standard errors hold the spread of the
@@ -259,7 +259,7 @@ def described(ook: OokLink, background: Background) -> str:
 def electronics_of(
     campaign: Campaign, ook: OokLink | Preset | None, bit_rate: float | None
 ) -> OokLink | None:
-    """Return the transmission of a link; "physical" yields to the detector of its scenario."""
+    """Return the transmission of a link; the detector of a scenario replaces "physical"."""
     detector = getattr(campaign.scenario, "detector", None)
     chosen = detector if ook == "physical" and detector is not None else ook
     return None if chosen is None else OokLink.of_link(campaign.link, chosen, bit_rate)
@@ -304,7 +304,7 @@ class Lights:
     def at_wavelengths(
         self, link: Link, day: Daylight, wavelengths_nm: Sequence[float]
     ) -> list[Background]:
-        """Return the backgrounds of a link at wavelengths [nm], by common rays."""
+        """Return the backgrounds of a link at wavelengths [nm], traced with common rays."""
         result = self._traced(link, mean_sea(link, self._campaign.surface), day, wavelengths_nm)
         return [result.at_wavelength(nm) for nm in wavelengths_nm]
 
@@ -324,7 +324,7 @@ class Lights:
         return variant.detector if measured is None else with_background(variant.detector, measured)
 
     def text(self, variant: Variant) -> str:
-        """Describe the background light of a variant; return nothing without a transmission."""
+        """Describe the background light of a variant, "" without a transmission."""
         if variant.detector is None:
             return ""
         measured = self.background(variant)
@@ -404,7 +404,7 @@ def backgrounds(campaign: Campaign, steps: Steps, day: Daylight, photons: int) -
 def _background_numbers(
     campaign: Campaign, steps: Steps, day: Daylight, photons: int
 ) -> Callable[[int], Floats]:
-    """Return a function of the number of a surface, which gives its background as one array."""
+    """Return a function that computes the background over surface i as one array."""
 
     def numbers_over(i: int) -> Floats:
         link = steps.links[i][0] if steps.links else campaign.link

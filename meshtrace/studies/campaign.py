@@ -23,6 +23,7 @@ from meshtrace.engine.setup.meshing import FADING_SPACING, mesh_lines, require_c
 from meshtrace.engine.setup.options import (
     Analog,
     Arrivals,
+    Case,
     Meshing,
     Run,
     StudyOptions,
@@ -40,15 +41,11 @@ from meshtrace.results.provenance import provenance
 from meshtrace.results.series import checked_wavelengths
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.cluster import Cluster
+from meshtrace.studies.cluster import Cluster, Setup
 from meshtrace.studies.store import Item, Kept, Store, digest_of
 from meshtrace.uav import Dryden, Flight, TiltFactors
 
-# a step is one turn of a study's loop, such as one surface
-Setup = Callable[[], Callable[[Any], Any]]
-"""Returns the function from a step to its numbers; called in the process that evaluates steps."""
-
-# the shape of the numbers of a step; None along an axis of any size
+# the shape of the numbers of a step, one turn of a study's loop; None along an axis of any size
 ShapeOf = Callable[[Any], tuple[int | None, ...]]
 
 DEFAULT_CHAINS = 2048
@@ -176,7 +173,7 @@ class Campaign(NamedTuple):
     def with_loop(self, run: StudyOptions, study: str) -> Campaign:
         """Return the campaign with the workers, the store and the progress of a study's options."""
         workers = run.get("workers")
-        cluster = None if workers is None else Cluster(workers).checked()
+        cluster = None if workers is None else Cluster(workers)
         store = Store(run.get("store"), study)
         return self._replace(cluster=cluster, store=store, progress=run.get("progress"))
 
@@ -225,7 +222,7 @@ class Campaign(NamedTuple):
         return Dryden(wind_speed=max(speeds), height=with_first(self.link).air_end[1].height)
 
     def flight(self, flight: Flight | None) -> Flight | None:
-        """Return the aircraft of a study, by default the one in its scenario, checked."""
+        """Return the checked aircraft of a study, by default that of its scenario."""
         uav = getattr(self.scenario, "uav", None)
         if flight is None and uav is not None:
             flight = Flight(uav)
@@ -288,7 +285,7 @@ class Campaign(NamedTuple):
         return mesh_lines(joint, surface, self.meshing, reach, FADING_SPACING, self.fine_patch)
 
     def require_chains(self) -> None:
-        """Refuse links that photons follow but no chains."""
+        """Refuse links that forced detection cannot follow."""
         for link in self.links.values():
             link.require_chains()
 
@@ -352,7 +349,7 @@ class Campaign(NamedTuple):
                     if isinstance(item, Exception):
                         # workers send exceptions back as values
                         raise item
-                    ready[done] = item.numbers
+                    ready[done], _ = item
                 yield ready.pop(step)
                 self.advance()
 
@@ -363,7 +360,7 @@ class Campaign(NamedTuple):
 
     @property
     def alone(self) -> Campaign:
-        """The campaign as a worker needs it, without scenario, store, cluster and progress."""
+        """Copy for workers, without scenario, store, cluster and progress."""
         # a worker has one core: more threads would take those of other workers
         run = self.run if self.cluster is None else self.run.replace(threads=1)
         return self._replace(run=run, scenario=None, cluster=None, store=Store(), progress=None)
@@ -412,7 +409,7 @@ class Campaign(NamedTuple):
 
 
 def with_first(link: Link) -> Link:
-    """Return a link with the first of its receivers alone."""
+    """Return a link with only its first receiver."""
     return link if len(link.receivers) == 1 else link.replace("receiver", link.receivers[0])
 
 
@@ -470,14 +467,14 @@ def finished(
 def _on_threads(
     threads: int, setup: Setup, steps: Sequence[Any]
 ) -> Generator[tuple[int, Any], None, None]:
-    """Yield the place of each step and its numbers, in order."""
+    """Evaluate steps on threads; yield the index of each and its numbers, in order."""
     # both the setup and the steps run with BLAS held to one thread: it splits sums by its threads,
     # and the digits would depend on the cores
     yield from enumerate(ordered_map(held(held(setup)()), steps, threads))
 
 
 def gains_over(campaign: Campaign, steps: Steps, probed: int = _PROBED) -> Callable[[int], Floats]:
-    """Return a function from the number of a surface to the gains over it.
+    """Return a function that computes the gains over surface i.
 
     Gains have the shape of those of `Campaign.each`; each mesh is made in the thread that
     evaluates it. Chains are drawn once for all surfaces where the links do not move.
@@ -616,7 +613,7 @@ def campaign_of(
     chains: int = DEFAULT_CHAINS,
     wavelengths_nm: ArrayLike | None = None,
 ) -> Campaign:
-    """Return the campaign of a link over a sea, checked.
+    """Check the inputs of a study, and return the campaign of its link over a sea.
 
     Parameters
     ----------
@@ -645,14 +642,15 @@ def campaign_of(
     Refused
         If an option is unknown or out of range, or the surface is no sea.
     """
-    options = case_options(run)
     scenario = link if isinstance(link, Scenario) else None
-    if scenario is None:
-        # a scenario says its number of chains itself
-        options.setdefault("photons", chains)
-    elif several and surface is None and isinstance(scenario.surface, MeshFile):
+    if (
+        scenario is not None
+        and several
+        and surface is None
+        and isinstance(scenario.surface, MeshFile)
+    ):
         raise Refused("sea.mesh", scenario.surface.file, "a sea model")
-    case = resolve(link, surface, fading, **options)
+    case = case_of(link, surface, run, fading, chains)
     if isinstance(case.run.estimator, Analog):
         if not analog or wavelengths_nm is not None:
             raise Refused(
@@ -669,6 +667,21 @@ def campaign_of(
         links = {f"{nm!r} nm": case.link.at_wavelength(nm) for nm in at}
     campaign = Campaign(links, case.surface, case.run, case.meshing, scenario)
     return campaign.with_loop(run, study)._replace(spectral=wavelengths_nm is not None)
+
+
+def case_of(
+    link: Link | Scenario,
+    surface: MeshSource | TriangleMesh | None,
+    run: StudyOptions,
+    fading: bool = False,
+    chains: int | None = None,
+) -> Case:
+    """Return link, surface and run from the options of a study, see `campaign_of`."""
+    options = case_options(run)
+    # a scenario says its number of chains itself
+    if chains is not None and not isinstance(link, Scenario):
+        options.setdefault("photons", chains)
+    return resolve(link, surface, fading, **options)
 
 
 def case_options(run: StudyOptions) -> dict[str, Any]:

@@ -1,10 +1,10 @@
-"""The pattern of unscattered light on the plane of the receiver, without noise."""
+"""Pattern of unscattered light on the plane of the receiver, without noise."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
@@ -93,8 +93,8 @@ def light_pattern(
     assert isinstance(sea, Surface)
     extent, step = float(extent), float(step)
     n = math.ceil(extent / step - 1e-9)
-    sizes = wave_sizes(sea)
-    spacing = sizes.spacing if math.isfinite(sizes.spacing) else step
+    shortest, slope, height = wave_sizes(sea, resolved_waves(sea))
+    spacing = shortest if math.isfinite(shortest) else step
     beyond, wind = _beyond(link, sea, spacing)
     # a slope s turns the refracted ray by (n - 1) s at steep incidence, and the height is its lever
     blur = (link.water.n / link.n_air - 1.0) * receiver.height * np.sqrt(beyond) / step
@@ -103,8 +103,8 @@ def light_pattern(
     energy = np.zeros((2 * (n + margin), 2 * (n + margin)))
     center = np.array(receiver.position)
     # points of a choppy sea are off their labels
-    off = _SLOPES * sizes.height if getattr(sea, "choppy", False) else 0.0
-    labels = _labels(link, step * (n + margin), spacing, sizes.slope, off)
+    off = _SLOPES * height if getattr(sea, "choppy", False) else 0.0
+    labels = _labels(link, step * (n + margin), spacing, slope, off)
     below = optical_depth(link, -source.center[2])
     for points, normals in _strips(sea.sheet(*labels, time), labels, step / _RAYS):
         place, flux = _landed(link, below, points, normals)
@@ -119,7 +119,7 @@ def light_pattern(
 
 
 def pattern_ends(link: Link, surface: Any, extent: float, step: float) -> tuple[Any, Receiver]:
-    """Return source and receiver of a link that the pattern is defined for."""
+    """Return source and receiver of a link; refuse inputs without a pattern."""
     extent = require_between(extent, 0.0, math.inf, "extent")
     least, most = 2.0 * extent / _MOST_CELLS, 0.25 * extent
     allowed = f"{least:g} to {most:g} m, extent / 4"
@@ -133,39 +133,27 @@ def pattern_ends(link: Link, surface: Any, extent: float, step: float) -> tuple[
     return source, link.only_receiver
 
 
-class WaveSizes(NamedTuple):
-    """Waves of a sea that bend its light, and their sizes.
-
-    Attributes
-    ----------
-    waves : WaveComponents or None
-        The waves; None where the sea is no sum of waves.
-    spacing : float
-        Distance of points that represent the shortest ones [m]; inf without waves.
-    slope : float
-        Root mean square slope.
-    height : float
-        Root mean square elevation [m].
-    """
-
-    waves: WaveComponents | None
-    spacing: float
-    slope: float
-    height: float
-
-
-def wave_sizes(sea: Surface, highest: float | None = None) -> WaveSizes:
-    """Return the waves of a sea up to a frequency [rad s-1], and their sizes."""
+def resolved_waves(sea: Surface, highest: float | None = None) -> WaveComponents | None:
+    """Return the waves of a sea up to a frequency [rad s-1]; None unless it is a sum of waves."""
     if not isinstance(sea, WaveSum):
-        return WaveSizes(None, math.inf, 0.0 if isinstance(sea, FlatSea) else 0.3, 0.0)
+        return None
     waves = sea.components
     resolved = waves.amplitude != 0.0
     if highest is not None:
         resolved &= waves.omega <= highest * (1.0 + 1e-9)
-    waves = WaveComponents(*(a[resolved] for a in waves))
+    return WaveComponents(*(a[resolved] for a in waves))
+
+
+def wave_sizes(sea: Surface, waves: WaveComponents | None) -> tuple[float, float, float]:
+    """Return the distance of points [m] that represents the waves of a sea, rms slope and height.
+
+    The distance is infinite without waves, the height in metres.
+    """
+    if waves is None:
+        return math.inf, 0.0 if isinstance(sea, FlatSea) else 0.3, 0.0
     k, half = np.hypot(waves.kx, waves.ky), 0.5 * np.square(waves.amplitude)
     spacing = GAIN_SPACING / float(k.max()) if k.any() else math.inf
-    return WaveSizes(waves, spacing, math.sqrt((half * k**2).sum()), math.sqrt(half.sum()))
+    return spacing, math.sqrt((half * k**2).sum()), math.sqrt(half.sum())
 
 
 def _beyond(link: Link, sea: Surface, spacing: float) -> tuple[Floats, float]:
@@ -211,7 +199,7 @@ def _strips(
 def _landed(
     link: Link, below: Callable[[Floats], Floats], points: Floats, normals: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the places (m, 2) of the cells' light on the plane, and its flux (m,).
+    """Return where the light of the surface lands on the plane (m, 2), and its flux (m,).
 
     `below` gives the vertical optical depth from heights z down to the source.
     """

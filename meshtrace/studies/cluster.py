@@ -12,7 +12,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, partial
 from importlib.util import find_spec
 from itertools import islice
@@ -42,7 +41,6 @@ _SILENCE = 60.0  # [s] without an answer after which a scheduler is lost; a busy
 _ALLOWED = "a running dask scheduler with workers; the same command resumes"
 
 
-@dataclass(eq=False)
 class Cluster:
     """Processes that evaluate the jobs of a loop.
 
@@ -54,28 +52,29 @@ class Cluster:
         after two seconds.
     timeout : float
         Seconds to wait for the scheduler, and for a worker.
+
+    Raises
+    ------
+    Refused
+        If an option is out of range, or several processes are asked for without dask.
     """
 
-    workers: int | str | None = None
-    timeout: float = DEFAULT_TIMEOUT
-    _shared: ExitStack | None = field(default=None, init=False, repr=False)
-    _client: distributed.Client | None = field(default=None, init=False, repr=False)
-    _turn: Lock = field(default_factory=Lock, init=False, repr=False)
-
-    def checked(self) -> Cluster:
-        """Return the cluster; refuse options out of range, and several processes without dask."""
-        if not isinstance(self.workers, str | None):
-            require_whole(self.workers, 1, 1024, "workers")
+    def __init__(self, workers: int | str | None = None, timeout: float = DEFAULT_TIMEOUT) -> None:
+        if not isinstance(workers, str | None):
+            require_whole(workers, 1, 1024, "workers")
         # this process alone needs no dask
-        if self.workers != 1 and find_spec("distributed") is None:
+        if workers != 1 and find_spec("distributed") is None:
             with extra("batch", "workers"):
                 raise ModuleNotFoundError(name="distributed")
-        require_between(self.timeout, 0.0, math.inf, "timeout", "[)")
-        return self
+        require_between(timeout, 0.0, math.inf, "timeout", "[)")
+        self.workers, self.timeout, self._turn = workers, timeout, Lock()
+        # of `keep_workers`: the client of one loop serves those that follow
+        self._shared: ExitStack | None = None
+        self._client: distributed.Client | None = None
 
     @contextmanager
     def keep_workers(self) -> Iterator[None]:
-        """Share the workers that one loop starts with the loops that follow."""
+        """Share the workers of one loop with the following loops."""
         with ExitStack() as self._shared:
             try:
                 yield
@@ -112,7 +111,7 @@ class Cluster:
     def _beside(
         self, setup: Setup, waiting: deque[tuple[int, Any]], others: int
     ) -> Iterator[tuple[int, Any]]:
-        """Yield the results of jobs of this process and, once they take longer, of others.
+        """Yield results of jobs of this process and, if they take long, of other processes.
 
         A thread feeds the others, so that they also work while this process is inside a long job.
         """
@@ -183,8 +182,9 @@ class Cluster:
             for future, result in _finished(client, completed, self.timeout, ended):
                 if future.cancelled():  # by a scheduler that went away
                     break
-                i = numbers.pop(future.key)
-                yield i, result[1] if future.status == "error" else _checked(result)
+                if isinstance(result, dict):  # its environment in place of a result
+                    raise _other_worker("a worker that came late", result)
+                yield numbers.pop(future.key), result[1] if future.status == "error" else result
                 # frees the result in the memory of the worker
                 future.release()
                 submit(1)
@@ -220,13 +220,13 @@ class Restored:
         return bytes(cloudpickle.dumps(partial(type(self), *self.inputs)))
 
     def __reduce__(self) -> Any:
-        """Return the recipe, by which a worker finds the object that it has built before."""
+        """Pickle a recipe, by which a worker finds the object if it has built it before."""
         return prepared, (self._recipe,)
 
 
 @lru_cache(4)  # two loops at once, and what each of them restores
 def prepared(setup: bytes) -> Any:
-    """Return the function of the jobs of a loop, or `Restored`, set up once in this process."""
+    """Return the function of the jobs of a loop, or a `Restored`, set up once per process."""
     import cloudpickle
 
     # from the client, by the connection whose tasks are code in any case
@@ -332,15 +332,8 @@ def _portable_job() -> Callable[..., Any]:
 
 
 def _environment() -> dict[str, str]:
-    """Return the versions on which digits depend, by the code that runs on workers."""
+    """Return the versions on which results depend, by the code that runs on workers."""
     return dict(_portable_job()(None, b"", {}))
-
-
-def _checked(result: Any) -> Any:
-    """Return the result of a job; refuse a worker that described its environment instead."""
-    if isinstance(result, dict):
-        raise _other_worker("a worker that came late", result)
-    return result
 
 
 def _require_equal_workers(client: distributed.Client, timeout: float) -> None:

@@ -34,11 +34,10 @@ from meshtrace.scenario import Scenario
 from meshtrace.stored import Stacked, Stored, Variable
 from meshtrace.studies.background import background_over_seas, error_rate, light_of, transmission_of
 from meshtrace.studies.campaign import Campaign, campaign_of
+from meshtrace.studies.neighbours import DECIBELS
 from meshtrace.studies.response import through_channel
 from meshtrace.studies.series import gain_series
 from meshtrace.tables import text_table
-
-_DECIBEL = 10.0 / math.log(10.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -122,13 +121,13 @@ class Comparison(Stored, kind="comparison", title="meshtrace comparison of links
             relative = error(ratio) / gain
             ratio_db = 10.0 * np.log10(ratio)
         stderr, stderr_difference = error(np.zeros_like(gain)), error(np.ones_like(gain))
-        difference, ratio_stderr = gain - gain[0], _DECIBEL * relative
+        difference, ratio_stderr = gain - gain[0], DECIBELS * relative
         return cls(names, gain, stderr, difference, stderr_difference, ratio_db, ratio_stderr,
                    provenance)  # fmt: skip
 
     @property
     def lights(self) -> tuple[str, ...]:
-        """Light under which each link is compared."""
+        """Name of the light above each link."""
         days = [record.get("daylight") for record in self.provenance]
         return tuple(DARK if day is None else str(day["light"]) for day in days)
 

@@ -1,4 +1,4 @@
-"""Convergence of a gain with the mesh of the sea or of a body, the time step or the band of waves.
+"""Convergence of a gain with the mesh of the sea or a body, the time step or the band of waves.
 
 A study repeats one gain with a finer and finer discretisation and common random numbers: the
 same scattering chains are aimed over every surface, so that differences of 1e-4 show under a

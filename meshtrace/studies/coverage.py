@@ -1,4 +1,4 @@
-"""Gain at each place of the plane of the receiver."""
+"""Maps of the gain over the plane of the receiver."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from threading import Lock
-from typing import Annotated, Any, NamedTuple, Unpack, cast
+from typing import Annotated, Any, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +27,7 @@ from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.setup.arrays import frame_of
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
-from meshtrace.engine.setup.options import Analog, IrradianceMap, RunOptions, StudyOptions, resolve
+from meshtrace.engine.setup.options import Analog, IrradianceMap, RunOptions, StudyOptions
 from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths, clearest, photon_paths, scattering
 from meshtrace.errors import Described, Refused, require_between, require_finite, warn
 from meshtrace.kernels.tints import ALONE
@@ -47,7 +47,7 @@ from meshtrace.results.series import (
 )
 from meshtrace.scenario import Scenario
 from meshtrace.stored import SHIFTS
-from meshtrace.studies.campaign import Campaign, case_options
+from meshtrace.studies.campaign import Campaign, case_of
 from meshtrace.studies.cluster import Restored
 
 _FIRST_PHOTONS = 2**20  # at most, before the first comparison with `rtol`
@@ -57,17 +57,13 @@ _PROBED = 3  # a probe takes one of so many tiles along x and along y
 _BLOCK = 2**18  # photons of a step; tuned: a store has a map for each step
 
 
-class _Step(NamedTuple):
-    """Samples over the surface at one time: photons of a run, or chains to a tile of cells.
+_Step = tuple[int, int, int, int]
+"""Samples over the surface at one time: photons of a run, or chains to a tile of cells.
 
-    A map of several wavelengths has several runs, of different kinds of photons. Samples are
-    numbered by run or tile: those from `first` on have not been followed before.
-    """
-
-    time: int  # index of the time
-    part: int  # index of the run or the tile
-    first: int  # number of the first sample
-    number: int  # how many samples
+Index of the time, index of the run or the tile, number of samples, number of the first of them. A
+map of several wavelengths has several runs, of different kinds of photons. Samples are numbered by
+run or tile: those from the first on have not been followed before.
+"""
 
 
 @spectral
@@ -168,7 +164,7 @@ def coverage_map(
     the base are few, too.
     """
     options = cast(StudyOptions, run | {"workers": workers})
-    case = resolve(link, surface, **case_options(options))
+    case = case_of(link, surface, options)
     kinds = (Receiver, WaterReceiver)
     receiver = next((r for r in case.link.receivers if isinstance(r, kinds)), None)
     if receiver is None:
@@ -282,9 +278,10 @@ class _Mapped(Restored):
         # gain and error by chains; empty where photons serve better, None before they are compared
         self._by_chains: tuple[Floats, Floats] | tuple[()] | None = None
         self._chains_used = 0
-        carries = self._photons_carry_all
         # from which a worker builds the same object, see `Restored`
-        self.inputs = campaign.alone, shared, receiver, grid, times, for_image, carries
+        self.inputs = (
+            campaign.alone, shared, receiver, grid, times, for_image, self._photons_carry_all
+        )  # fmt: skip
 
     def _meshed(self, time: float) -> TriangleMesh:
         """Mesh the surface at a time, fine below all cells for the image of unscattered light."""
@@ -304,7 +301,7 @@ class _Mapped(Restored):
         return mesh_for(self._clearest, *inputs)[0]
 
     def steps(self, done: int, photons: int) -> list[_Step]:
-        """Return the steps of `photons` further ones at each time, after `done` at each."""
+        """Return the steps of `photons` more photons at each time, after `done` at each."""
         steps, n = list[_Step](), len(self.runs)
         for i in range(len(self.times)):
             # ids are consecutive over all calls: `done` of each time precede those of this call, in
@@ -313,7 +310,7 @@ class _Mapped(Restored):
             # as many photons to each run
             cuts = [first + k * photons // n for k in range(n + 1)]
             steps += [
-                _Step(i, k, start, min(_BLOCK, cuts[k + 1] - start))
+                (i, k, min(_BLOCK, cuts[k + 1] - start), start)
                 for k in range(n)
                 for start in range(cuts[k], cuts[k + 1], _BLOCK)
             ]
@@ -321,21 +318,23 @@ class _Mapped(Restored):
 
     def setup(self) -> Callable[[_Step], Floats]:
         """Return the function from a step to its numbers."""
-        return lambda step: self.tallies(step).to_row()
+        return lambda step: self.tallies(*step).to_row()
 
-    def tallies(self, step: _Step, grid: IrradianceMap | None = None) -> PhotonSums:
+    def tallies(
+        self, time: int, run: int, photons: int, first: int, grid: IrradianceMap | None = None
+    ) -> PhotonSums:
         """Return the tallies of a step, by default in the cells of the map."""
-        base, link = self.runs[step.part]
-        with self._mesh_locks[step.time]:  # one thread makes the mesh of all
-            mesh = self.mesh(self.times[step.time])
+        base, link = self.runs[run]
+        with self._mesh_locks[time]:  # one thread makes the mesh of all
+            mesh = self.mesh(self.times[time])
             EmbreeIntersector(frame_of(link).mesh(mesh), 1).built()  # kept with the mesh
         # Another grid is for a warning alone, which photons of one wavelength with all their light
         # serve. `turn` is the base of the tinting that these photons follow, and the shares of all.
         tinting = UNTINTED if grid else self.tinting
         turn = (0, ALONE.parts) if grid else (base, self._base_shares)
         return run_analog(
-            link, EmbreeIntersector(mesh, 1), self.options.replace(first_photon=step.first),
-            photons=step.number, seed=self._campaign.run.seed,
+            link, EmbreeIntersector(mesh, 1), self.options.replace(first_photon=first),
+            photons=photons, seed=self._campaign.run.seed,
             normals=self._campaign.meshing.normals,
             unscattered=self._photons_carry_all or grid is not None,
             record=[grid or self._grid], tinting=tinting, turn=turn,
@@ -364,14 +363,14 @@ class _Mapped(Restored):
         chains = self.cell_chains
         assert chains is not None
         _ = chains.pilots  # computed once, before threads share them
-        return lambda step: chains.sums(step.time, step.part, step.number, step.first).to_row()
+        return lambda step: chains.sums(*step).to_row()
 
     def _shape_of_tile(self, step: _Step) -> tuple[int]:
         """Return the shape of the numbers of a tile, see `TileSums.to_row`."""
-        chains = self.cell_chains
+        chains, (_, tile, *_) = self.cell_chains, step
         assert chains is not None
         # number of cells that the slices of the tile select
-        cells = np.empty((chains.cells, chains.cells))[chains.tiles[step.part]].size
+        cells = np.empty((chains.cells, chains.cells))[chains.tiles[tile]].size
         return (1 + (SHIFTS + 1) * cells,)
 
     def _unscattered(self) -> tuple[Floats, Floats] | None:
@@ -393,7 +392,7 @@ class _Mapped(Restored):
         return total, error
 
     def run(self, photons: int, rtol: float | None, base: int) -> dict[int, CoverageMap]:
-        """Return the maps of the wavelengths that the photons of the base sample well.
+        """Return the maps of the wavelengths that are sampled well by the photons of the base.
 
         Photons carry all light, or the light that the images lack, unless chains take their place.
         """
@@ -469,7 +468,7 @@ class _Mapped(Restored):
         return probe.cost(factor * [sums.chains for sums in tiles]) < budget
 
     def _trusts(self, chains: CellChains, tiles: list[TileSums], sums: list[PhotonSums]) -> bool:
-        """Return whether chains light all cells as photons do, and omit little."""
+        """Return whether chains agree with photons in all cells, and omit little light."""
         assert self._image is not None
         # the first photons follow light on all its ways, without bias: they judge the chains
         gain, stderr = (values[:, :, 0] for values in self._gain_by_photons(sums))
@@ -483,14 +482,14 @@ class _Mapped(Restored):
         """Follow `wanted` further chains to each tile, and return their means over the times."""
         first = {tile: earlier[tile].chains if tile in earlier else 0 for tile in wanted}
         steps = [
-            _Step(i, tile, first[tile], chains)
+            (i, tile, chains, first[tile])
             for i in range(len(self.times))
             for tile, chains in wanted.items()
         ]
         table = self._evaluate(self.tile_setup, steps, "chains", {}, self._shape_of_tile, "tiles")
         sums = dict[int, list[TileSums]]()
-        for step, row in table:
-            sums.setdefault(step.part, []).append(TileSums.of_row(row))
+        for (_, tile, *_), row in table:
+            sums.setdefault(tile, []).append(TileSums.of_row(row))
         return {tile: mean_of_times(each) for tile, each in sums.items()}
 
     def _evaluate(
@@ -504,7 +503,7 @@ class _Mapped(Restored):
         for step, row in zip(steps, results, strict=True):
             yield step, row
             if self._campaign.progress is not None:
-                self._campaign.progress(step.number)
+                self._campaign.progress(step[2])
 
     def _well_sampled(self, sums: list[PhotonSums], base: int) -> list[int]:
         """Return places of the links with enough effective photons in the median bright cell."""
@@ -555,7 +554,7 @@ class _Mapped(Restored):
             warn_of_lost(result)
 
         def follow(photons: int, record: Sequence[IrradianceMap]) -> PhotonSums:
-            return self.tallies(_Step(0, 0, self.options.first_photon, photons), *record)
+            return self.tallies(0, 0, photons, self.options.first_photon, *record)
 
         if self._image is None:
             warn_of_dark_map(results[0], records, follow)
@@ -565,16 +564,16 @@ class _Mapped(Restored):
     ) -> list[PhotonSums]:
         """Follow more photons at each time, and return the tallies of all so far by run."""
         # no photons yet: empty tallies
-        tallies = sums or [self.tallies(_Step(0, k, 0, 0)) for k in range(len(self.runs))]
+        tallies = sums or [self.tallies(0, k, 0, 0) for k in range(len(self.runs))]
         steps, name = self.steps(done, photons), f"photons of link {base}"
         run = self.options.model_dump(mode="json")
         identity = {"run": run, "unscattered": self._photons_carry_all}
         sizes = [tally.to_row().size for tally in tallies]
         table = self._evaluate(
-            self.setup, steps, name, identity, lambda step: (sizes[step.part],), "runs of photons"
+            self.setup, steps, name, identity, lambda step: (sizes[step[1]],), "runs of photons"
         )
-        for step, row in table:
-            tallies[step.part] += tallies[step.part].of_row(row)
+        for (_, part, *_), row in table:
+            tallies[part] += tallies[part].of_row(row)
         return tallies
 
     def _gain_by_photons(self, sums: list[PhotonSums]) -> tuple[Floats, Floats]:

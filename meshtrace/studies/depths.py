@@ -72,9 +72,9 @@ class DepthSweep(
         pairs = list(zip(self.wind_speeds, self.performances, strict=True))
         for speed, performance in pairs:
             lines += performance._range_lines(f"{speed:>5g} m/s")
-        lights = [f"background light, {speed:g} m/s: {p.light}" for speed, p in pairs]
-        if len({p.light for p in self.performances}) == 1:
-            lights = [f"background light: {first.light}"]
+        lights = [f"background light, {speed:g} m/s: {p.background_light}" for speed, p in pairs]
+        if len({p.background_light for p in self.performances}) == 1:
+            lights = [f"background light: {first.background_light}"]
         tilts = [line for speed, p in pairs for line in p._tilts(f", {speed:g} m/s")]
         water = f"water: {water_of(first.provenance)}"
         return "\n".join([*lines, "", water, *lights, *tilts, first.status])

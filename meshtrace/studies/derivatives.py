@@ -101,8 +101,8 @@ class Sensitivities(Stored, kind="sensitivity", title="meshtrace sensitivities")
 
     Attributes
     ----------
-    of : str
-        Quantity: "gain", "ber", "outage", "range", "margin" or "capacity".
+    quantity : str
+        "gain", "ber", "outage", "range", "margin" or "capacity".
     value, stderr : float
         The quantity and its standard error, from the spread over chains and seas.
     unit : str
@@ -114,23 +114,25 @@ class Sensitivities(Stored, kind="sensitivity", title="meshtrace sensitivities")
         is nan.
     provenance : dict
         Versions and configuration.
-    light : str
+    background_light : str
         Light of error rates, outages, ranges and margins; empty for the gain.
     """
 
-    of: str
+    quantity: str
     value: Annotated[float, Variable(name="quantity")]
     stderr: Annotated[float, Variable(name="quantity_stderr")]
     unit: str
     table: Annotated[Table, Columns(Row, "sensitivity", "parameter")]
     logs: Annotated[Floats, Variable("parameter", "parameter_too", name="sensitivity_covariance")]
     provenance: dict[str, Any] = field(default_factory=dict)
-    light: str = ""
+    background_light: str = ""
 
     def _headline(self) -> str:
         largest = max(self.table, key=lambda row: abs(np.nan_to_num(row.elasticity)))
         shown = f"{self.value:.4g} {self.unit}".removesuffix(" 1")
-        return f"{self.of} {shown}, most sensitive to {largest.name} ({largest.elasticity:.3g})"
+        return (
+            f"{self.quantity} {shown}, most sensitive to {largest.name} ({largest.elasticity:.3g})"
+        )
 
     def summary(self) -> str:
         """Return the table as text for a terminal."""
@@ -149,8 +151,8 @@ class Sensitivities(Stored, kind="sensitivity", title="meshtrace sensitivities")
             for row in self.table
         ]
         notes = [f"{row.name}: {row.notes}" for row in self.table if row.notes]
-        lines = [f"background light: {self.light}"] if self.light else []
-        return "\n".join([f"{self.of} {shown}", "", text_table(table, head), *notes, *lines])
+        lines = [f"background light: {self.background_light}"] if self.background_light else []
+        return "\n".join([f"{self.quantity} {shown}", "", text_table(table, head), *notes, *lines])
 
     def derivative(self, name: str) -> Value:
         """Return d quantity / d parameter with its standard error, in their units."""
@@ -197,10 +199,10 @@ class Sensitivities(Stored, kind="sensitivity", title="meshtrace sensitivities")
         # change of ln q and its standard error sigma
         change = float(steps @ np.array([row.log for row in self.table])) + second_order
         sigma = math.sqrt(steps @ self.logs @ steps)
-        if self.of == "margin":  # in dB it is a logarithm already
+        if self.quantity == "margin":  # in dB it is a logarithm already
             error = math.hypot(self.stderr, DECIBELS * sigma)
             return Value(self.value + DECIBELS * change, error)
-        if self.of == "range":
+        if self.quantity == "range":
             return Value(self.value * (1.0 + change), math.hypot(self.stderr, self.value * sigma))
         value = self.value * math.exp(change)
         return Value(value, value * math.hypot(self.stderr / self.value, sigma))

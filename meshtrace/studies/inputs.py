@@ -26,10 +26,10 @@ _OF_FILES = ("file", "variable", "time")
 _ALLOWED = "a law of scipy.stats, samples, or a table with distribution, samples or file"
 
 
-class Input(NamedTuple):
+class Input:
     """An input and its values, of equal shares of the time.
 
-    Attributes
+    Parameters
     ----------
     name : str
         Its key.
@@ -39,9 +39,8 @@ class Input(NamedTuple):
         Inputs of one text have their values at the same times, and are drawn together.
     """
 
-    name: str
-    values: tuple[Floats, ...]
-    record: str
+    def __init__(self, name: str, values: tuple[Floats, ...], record: str) -> None:
+        self.name, self.values, self.record = name, values, record
 
     def of_month(self, month: int) -> Floats:
         """Return the values of a month, or of the year for inputs without months."""

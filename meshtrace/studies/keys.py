@@ -60,7 +60,7 @@ _BESIDES = ("detector", "daylight", "uav")
 
 @check_methods
 class Variant(NamedTuple):
-    """A link with all that belongs to it, at one value of each key.
+    """Link with its sea, detector, daylight and aircraft, at one value of each key.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ class Parameter(NamedTuple):
         return self.origin + self.scale * math.exp(move)
 
     def about(self, change: float) -> tuple[float, float]:
-        """Return the values a relative change below and above the base.
+        """Return the values at a relative change below and above the base.
 
         Offsets and angles change by a share of depth plus height, and of 10 deg.
         """
@@ -361,9 +361,9 @@ def checked_bounds(bounds: Bounds) -> dict[str, tuple[float, float]]:
     """Return the bounds of each key; refuse those that do not rise."""
     checked = {}
     for key, ends in bounds.items():
-        checked[key] = pair = require_pair(ends, f"over.{key}", "(low, high), low < high")
+        checked[key] = pair = require_pair(ends, f"bounds.{key}", "(low, high), low < high")
         if not pair[0] < pair[1]:
-            raise Refused(f"over.{key}", ends, "(low, high), low < high")
+            raise Refused(f"bounds.{key}", ends, "(low, high), low < high")
     return checked
 
 

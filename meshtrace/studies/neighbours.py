@@ -32,7 +32,7 @@ from meshtrace.studies.campaign import Campaign
 from meshtrace.studies.cluster import Restored
 from meshtrace.uav import TiltFactors
 
-Of = Literal["gain", "ber", "outage", "range", "margin", "capacity"]
+QuantityName = Literal["gain", "ber", "outage", "range", "margin", "capacity"]
 
 FADES = ("ber", "outage", "range", "capacity")
 """Quantities that depend on the distribution of the gain over seas."""
@@ -159,7 +159,7 @@ def in_water(arrivals: Light, old: Water, new: Water) -> Light:
 
 
 def edge_over(near: Neighbours, name: str, i: int) -> Floats:
-    r"""Return dh / d ln fov over realization i by window and shift, and what it rests on.
+    r"""Return dh / d ln fov over realization i by window and shift, with sums of its arrivals.
 
     Shape (3, windows, shifts): the derivative, and sums of the sizes and of the squares of the
     arrivals that it weighs.
@@ -337,8 +337,8 @@ class Quantity:
     transmission.
     """
 
-    def __init__(self, name: Of, limit: float) -> None:
-        self.of, self.limit = name, limit
+    def __init__(self, name: QuantityName, limit: float) -> None:
+        self.name, self.limit = name, limit
         self.need = cache(partial(required_gain, ber=limit))
         self.information = cache(_information)
         self.law = cache(partial(_law, limit))
@@ -346,7 +346,7 @@ class Quantity:
     @property
     def unit(self) -> str:
         """Unit of the quantity."""
-        return {"range": "m", "margin": "dB", "capacity": "bit s-1"}.get(self.of, "1")
+        return {"range": "m", "margin": "dB", "capacity": "bit s-1"}.get(self.name, "1")
 
     def log(
         self, gains: Floats, ook: OokLink | None, tilt: TiltFactors | None = None,
@@ -364,23 +364,23 @@ class Quantity:
             return float(np.average(values, axis=-1, weights=weights).mean())
 
         # a range without a transmission is that of the gain itself
-        if self.of == "gain" or ook is None:
+        if self.name == "gain" or ook is None:
             return math.log(mean(means))
-        if self.of in ("margin", "outage"):
+        if self.name in ("margin", "outage"):
             self._require(math.isfinite(self.need(ook)))
-        if self.of == "outage":
+        if self.name == "outage":
             return self._outage(means.ravel() / self.need(ook), tilt)
         if tilt is not None:
             # h and tilt are independent: each sea counts with each node of the law
             means, weights = means[:, None] * tilt.h, tilt.weight
-        if self.of == "margin":
+        if self.name == "margin":
             return math.log(mean(means) / self.need(ook))
         with np.errstate(divide="ignore"):
             # ln 0 of a tilt out of the field of view is -inf, which the tables below clip
             logs = np.log(ook.received_power(means))
-        if self.of == "ber":
+        if self.name == "ber":
             return math.log(mean(np.exp(self.law(ook)(logs))))
-        if self.of == "capacity":
+        if self.name == "capacity":
             return math.log(max(ook.bit_rate * mean(self.information(ook)(logs)), 1e-300))
         # a receiver that saturates has a second crossing at more power: rates that rise again are
         # left out, so that the root is the range
@@ -406,9 +406,9 @@ class Quantity:
         self, gains: Floats, ook: OokLink | None, tilt: TiltFactors | None = None,
         weights: Floats | None = None,
     ) -> Floats:  # fmt: skip
-        """Return ln of the gain of all groups, then with each group left out (jackknife)."""
+        """Return the logarithm of the quantity of all gains, then without each jackknife group."""
         groups = without_each(gains)
-        if weights is None and (self.of == "gain" or ook is None):
+        if weights is None and (self.name == "gain" or ook is None):
             # a mean alone, without the electronics of `log`: a study asks for thousands
             means = [group.mean(axis=-1) for group in groups]
             self._require_light(min(by_sea.min() for by_sea in means))
@@ -417,11 +417,11 @@ class Quantity:
 
     def value(self, log: float) -> float:
         """Return the quantity from its logarithm; for "range" the factor of the light."""
-        return DECIBELS * log if self.of == "margin" else math.exp(log)
+        return DECIBELS * log if self.name == "margin" else math.exp(log)
 
     def slope(self, value: float) -> float:
         """Return d quantity / d log; for "range" 1."""
-        return {"margin": DECIBELS, "range": 1.0}.get(self.of, value)
+        return {"margin": DECIBELS, "range": 1.0}.get(self.name, value)
 
     def _outage(self, ratios: Floats, tilt: TiltFactors | None) -> float:
         """Return the logarithm of the outage from gains over need by sea.

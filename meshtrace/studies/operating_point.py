@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple, Self
@@ -100,7 +100,7 @@ class FadingSamples:
 
     @property
     def chain_error(self) -> float:
-        """Relative Monte Carlo error that all gains have in common."""
+        """Relative Monte Carlo error common to all gains."""
         return float(self.series.mean_stderr) / max(float(self.series.gain.mean()), 1e-300)
 
     def mean_gain(self, quantile: float) -> Estimate:
@@ -165,7 +165,7 @@ def array_of(link: Link, ook: OokLink, combining: Combining, needs_one_view: Any
 _LEVEL = TiltFactors(np.ones(1), np.ones(1))
 
 
-class Ensemble(NamedTuple):
+class Ensemble:
     """Seas, and tilts of an aircraft, over which the performance of a link is averaged.
 
     Parameters
@@ -176,7 +176,7 @@ class Ensemble(NamedTuple):
         Realizations of the sea, or times of a coupled flight.
     flight : Flight, optional
         Aircraft that carries the end in the air.
-    wavelengths_nm : tuple of float
+    wavelengths_nm : sequence of float
         Wavelengths [nm] whose links have common paths; empty for the link alone.
     computed : dict
         Gains and responses at all wavelengths, which the ensembles of these share.
@@ -184,12 +184,17 @@ class Ensemble(NamedTuple):
         Several receivers and their combining.
     """
 
-    campaign: Campaign
-    n: int
-    flight: Flight | None
-    wavelengths_nm: tuple[float, ...] = ()
-    computed: dict[tuple[str, float], Any] | None = None
-    array: Array | None = None
+    def __init__(
+        self,
+        campaign: Campaign,
+        n: int,
+        flight: Flight | None,
+        wavelengths_nm: Sequence[float] = (),
+        computed: dict[tuple[str, float], Any] | None = None,
+        array: Array | None = None,
+    ) -> None:
+        self.campaign, self.n, self.flight, self.array = campaign, n, flight, array
+        self._wavelengths_nm, self._computed = list(wavelengths_nm), computed
 
     def provenance(self) -> dict[str, Any]:
         """Return aircraft, wind and number of realizations as plain data."""
@@ -205,20 +210,20 @@ class Ensemble(NamedTuple):
 
     def _paths(self, link: Link) -> Campaign:
         """Return the campaign of a link, with the links at all wavelengths that share its paths."""
-        if not self.wavelengths_nm:
+        if not self._wavelengths_nm:
             return self.at(link)
-        links = [link.at_wavelength(nm) for nm in self.wavelengths_nm]
+        links = [link.at_wavelength(nm) for nm in self._wavelengths_nm]
         named = {_spectral_name(link): link for link in links}
         return self.campaign._replace(links=named, spectral=True)
 
     def _once(self, name: str, link: Link, compute: Callable[[], Any]) -> Any:
         """Compute a result for all wavelengths once, at the first request."""
-        if self.computed is None:
+        if self._computed is None:
             return compute()
         key = name, link.depth
-        if key not in self.computed:
-            self.computed[key] = compute()
-        return self.computed[key]
+        if key not in self._computed:
+            self._computed[key] = compute()
+        return self._computed[key]
 
     def _gains(self, link: Link) -> tuple[Campaign, Steps, Floats]:
         """Return the gains over the surfaces, with their campaign."""
@@ -234,7 +239,7 @@ class Ensemble(NamedTuple):
         """Return gains and tilt factors of a link."""
         campaign, flight = self.at(link), self.flight
         paths, steps, gains = self._once("gains", link, partial(self._gains, link))
-        name = _spectral_name(link) if self.wavelengths_nm else None
+        name = _spectral_name(link) if self._wavelengths_nm else None
         series = gain_series(paths, steps, gains, name)
         if flight is not None and flight.coupled:
             series = replace(series, provenance=series.provenance | campaign.of_flight(flight))
@@ -253,7 +258,7 @@ class Ensemble(NamedTuple):
         """Return the mean response of the channel over the first seas."""
         responses = self._once("responses", link, lambda: mean_responses(self._paths(link), self.n))
         nm = link.transmitters[0].wavelength_nm
-        i = self.wavelengths_nm.index(nm) if self.wavelengths_nm else 0
+        i = self._wavelengths_nm.index(nm) if self._wavelengths_nm else 0
         return over_colours(responses[i], ook, self.at(link), self.n)
 
 
@@ -330,8 +335,8 @@ def operating_point(
         spread = Estimate(*(3 * (dark.response.rms_spread,)))
     elif seen is not None:
         # a response that the user gives is known, that of the chains has an error
-        dark, mean = dark.replace(response=seen.response), seen.rms_spread
-        reach = quantile * seen.rms_spread_stderr
+        response, mean, stderr = seen
+        dark, reach = dark.replace(response=response), quantile * stderr
         spread = Estimate(mean, max(mean - reach, 0.0), mean + reach)
 
     def expose(

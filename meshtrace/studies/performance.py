@@ -70,7 +70,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         What calibrates the transmission, to be shown with every figure (`OokLink.status`).
     provenance : dict
         Link, sea, receiver, seeds and versions.
-    light : str
+    background_light : str
         Background light under which every figure holds.
     responses : tuple of ChannelResponse or None
         Response of the channel at each depth; None without light.
@@ -84,12 +84,12 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
     confidence: float
     status: str
     provenance: dict[str, Any] = field(default_factory=dict)
-    light: str = DARK
+    background_light: str = DARK
     responses: Annotated[tuple[ChannelResponse | None, ...], Elsewhere()] = ()
 
     def _headline(self) -> str:
         first, count = self.figures[0], len(self.figures)
-        conditions = f"{first.bit_rate / 1e6:g} Mbit/s, {name_of_light(self.light)}"
+        conditions = f"{first.bit_rate / 1e6:g} Mbit/s, {name_of_light(self.background_light)}"
         return (
             f"BER {_error_rate(first.ber.value, 3)}{_at(first.depth)}, {conditions}; "
             f"{count} point{'s' * (count > 1)}"
@@ -188,7 +188,13 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
             which = f"{receiver['pixels'] ** 2} pixels" if single else f"{len(receiver)} receivers"
             text = f"{which} combined by {_COMBINING_NAMES[name]}; gains and powers are"
             lines += ["", f"{text} those of the first alone with the same reserve"]
-        lines += ["", water, f"background light: {self.light}", *self._filters(), *self._tilts()]
+        lines += [
+            "",
+            water,
+            f"background light: {self.background_light}",
+            *self._filters(),
+            *self._tilts(),
+        ]
         lines += [*self._spreads(), *self._overloads(), *fading_lines, self.status]
         return "\n".join(lines)
 
@@ -242,7 +248,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         return f"range at BER {self.limit:g} ({100.0 * self.confidence:g} % interval)"
 
     def _range_lines(self, wind: str = "") -> list[str]:
-        """Describe the range of each bit rate, a line each that starts with the wind."""
+        """Describe the range of each bit rate in a line that starts with the wind."""
         bers, least, start = self.estimates("ber"), self._least_ber, ""
         # where the tilt alone exceeds the limit, the range is that of the tilts with light
         if least >= self.limit:
@@ -271,7 +277,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         return f"{estimate.value:.1f} m  ({low}..{high})"
 
     def _origin_lines(self) -> list[str]:
-        """Describe the water, and the fading by the band of waves and by all in closed form."""
+        """Describe the water, and the closed form of the fading by the band and by all waves."""
         water = f"water: {water_of(self.provenance)}"
         closed = self.provenance.get("closed_form")
         if not closed:
@@ -351,7 +357,7 @@ def _named(depth: float) -> str:
 
 
 def _error_rate(ber: float, digits: int = 2) -> str:
-    """Return a bit error rate as text, that below `_LEAST_SHOWN` as a bound."""
+    """Return a bit error rate as text; below `_LEAST_SHOWN` as a bound."""
     return f"{ber:.{digits}e}" if ber >= _LEAST_SHOWN else f"< {_LEAST_SHOWN:g}"
 
 
@@ -371,7 +377,7 @@ def _figures_line(f: OperatingPoint) -> str:
 
 
 def _penalty(f: OperatingPoint) -> str:
-    """Return as text by how much more power makes up for the intersymbol interference."""
+    """Describe the extra power that makes up for intersymbol interference."""
     if f.rms_delay_spread.value * f.bit_rate < SHORT:
         return f"below {SHORT:g} bit: taken as instantaneous"
     if math.isinf(f.dispersion_db):
@@ -532,7 +538,7 @@ def link_performance(
             campaign.link, ooks[0], combining, light_of(campaign, day) or flown
         )
         campaign = campaign._replace(per_pixel=True)
-        ensemble = Ensemble(campaign, realizations, flown, tuple(at_nm), computed, array)
+        ensemble = Ensemble(campaign, realizations, flown, at_nm, computed, array)
         links = _links(ooks[0].channel(campaign.link), depths)
         return _over_depths(ensemble, links, ooks, light_of(campaign, day), limit, confidence)
 
@@ -560,7 +566,7 @@ def _over_depths(
         for ook in ooks
     ]
     ooks, light_text = _under_background(ooks, backgrounds, campaign.link)
-    responses = [None if mean is None else mean.response for mean in means.values()]
+    responses = [None if mean is None else mean[0] for mean in means.values()]
     # a sea without random phases is a single sea, whatever `realizations` says
     seas = ensemble.n if isinstance(campaign.surface, SeededSurface) else 1
     shallowest = next(iter(fades.values()))

@@ -1,4 +1,4 @@
-"""Pixels of a receiver: signal and background of each, and the bits that they carry together."""
+"""Pixels of a receiver: signal and background of each, and error rates of their combinations."""
 
 from __future__ import annotations
 
@@ -245,7 +245,7 @@ def _exposed(dark: OokLink, lights: list[Background | None], scale: float = 1.0)
 def _error_rates(
     dark: OokLink, gain: Floats, lights: list[Background | None], of_gain: float, of_light: float
 ) -> list[float]:
-    """Return the error rates of one detector, and of the ways of combining its pixels.
+    """Return the error rates of a single detector, and of each way of combining pixels.
 
     `lights` are that of the whole and those of the pixels, of which all gains and backgrounds are
     taken times a factor.

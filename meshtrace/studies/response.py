@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from meshtrace.checks import check_call
 from meshtrace.comms.ook import OokLink
 from meshtrace.comms.response import SHORT, ChannelResponse, spread_of
 from meshtrace.comms.spectra import Curve, lit_band
@@ -40,30 +38,16 @@ _BEYOND = 4.0  # times the longest delay of a link, up to which its neighbours h
 _PARTS = 3  # of the chains; the response of one of them gives the error of that of all
 
 
-class MeanResponse(NamedTuple):
-    """Mean impulse response of several seas, aligned at first light, and its rms spread [s]."""
-
-    response: ChannelResponse
-    rms_spread: float
-    rms_spread_stderr: float
-
-
-@check_call
-def mean_response(ook: OokLink, campaign: Campaign, seas: int) -> MeanResponse | None:
-    """Return the response of the channel from the chains of a campaign; None without light.
-
-    The mean over the first surfaces of an ensemble, at most four, with the gain over the spectrum
-    of the lamp. An aircraft does not tilt the receiver.
-    """
-    (seen,) = mean_responses(campaign, seas)
-    return over_colours(seen, ook, campaign, seas)
+MeanResponse = tuple[ChannelResponse, float, float]
+"""Response of the channel, its rms spread [s], and the standard error of that."""
 
 
 @held
 def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
-    """Return the responses of the one link of a campaign, or of all its wavelengths.
+    """Return the mean response of the only link of a campaign, or one for each wavelength.
 
-    Each with the gain of its own wavelength.
+    The mean over the first surfaces of an ensemble, at most four, aligned at first light; None
+    without light. An aircraft does not tilt the receiver. Each has the gain of its own wavelength.
     """
     links = list(campaign.links.values())
     steps = campaign.surfaces(min(seas, MOST_SEAS))
@@ -79,7 +63,7 @@ def mean_responses(campaign: Campaign, seas: int) -> list[MeanResponse | None]:
 def _arrivals_over(
     campaign: Campaign, meshes: list[TriangleMesh]
 ) -> Callable[[TriangleMesh], Sequence[ArrivalTally]]:
-    """Return a function of a mesh, which gives the arrivals over it at each wavelength."""
+    """Return a function that computes the arrivals over a mesh at each wavelength."""
     links, run, normals = list(campaign.links.values()), campaign.run, campaign.meshing.normals
     if isinstance(run.estimator, Analog):
 
@@ -105,14 +89,17 @@ def over_colours(
     """Return a response with the gain over the spectrum of the lamp, see `gain_spectrum`."""
     if seen is None:
         return None
-    spectrum = gain_spectrum(ook, campaign, seas)
-    return seen._replace(response=seen.response.replace(gain_spectrum=spectrum))
+    response, spread, stderr = seen
+    return response.replace(gain_spectrum=gain_spectrum(ook, campaign, seas)), spread, stderr
 
 
 def through_channel(ook: OokLink, campaign: Campaign, seas: int) -> OokLink:
     """Add the channel response to a transmission that has none."""
-    seen = mean_response(ook, campaign, seas) if ook.response is None else None
-    return ook if seen is None else ook.replace(response=seen.response)
+    if ook.response is not None:
+        return ook
+    (seen,) = mean_responses(campaign, seas)
+    seen = over_colours(seen, ook, campaign, seas)
+    return ook if seen is None else ook.replace(response=seen[0])
 
 
 def gain_spectrum(ook: OokLink, campaign: Campaign, seas: int) -> Curve | None:
@@ -158,7 +145,7 @@ def _mean(responses: list[ImpulseResponse]) -> MeanResponse:
         spreads = np.array([response.rms_delay_spread for response in responses])
         error = math.hypot(error, float(error_of_groups(spreads)))
     mean = ChannelResponse.from_arrivals(delay, weight, angle)
-    return MeanResponse(mean, spread_of(delay, weight), error)
+    return mean, spread_of(delay, weight), error
 
 
 def light_response(
@@ -224,12 +211,12 @@ class Responses:
         return shifted or seen.rms_spread * ook.bit_rate >= _IDLE * SHORT
 
     def spreads(self, at: Variant) -> bool:
-        """Return whether the response of its link spreads the pulses of a variant."""
+        """Return whether the response of the channel spreads the pulses of a variant."""
         ook = self.behind(at).detector if self.count(at) else None
         return ook is not None and ook.spread_in_bits >= SHORT
 
     def behind(self, at: Variant, part: bool = False) -> Variant:
-        """Return a variant with its transmission behind the response of its link.
+        """Return a variant whose transmission includes the response of its channel.
 
         That of all chains, or of a third of them: its square error is three times as large, and
         that of the difference of both twice.

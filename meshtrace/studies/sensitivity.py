@@ -36,8 +36,8 @@ from meshtrace.studies.neighbours import (
     WINDOW,
     WINDOWS,
     Neighbours,
-    Of,
     Quantity,
+    QuantityName,
     covariance_of,
     depth_key,
     edge_over,
@@ -69,7 +69,7 @@ def sensitivities(
     link: Link | Scenario,
     surface: MeshSource | TriangleMesh | None = None,
     wrt: Sequence[str] | None = None,
-    of: Of = "gain",
+    quantity: QuantityName = "gain",
     *,
     realizations: Annotated[int, Field(ge=1, le=100_000)] = 1,
     ook: OokLink | Preset | None = "physical",
@@ -94,8 +94,8 @@ def sensitivities(
         "detector.optics.filter_width_nm", for all but the gain. "wind_speed" changes sea, whitecaps
         and bubbles together; "sea.wind_speed", "whitecaps.wind_speed" and "bubbles.wind_speed"
         are the parts.
-    of : {"gain", "ber", "outage", "range", "margin", "capacity"}
-        Quantity. "range" is the depth at which the error rate, averaged over the seas, meets
+    quantity : {"gain", "ber", "outage", "range", "margin", "capacity"}
+        "range" is the depth at which the error rate, averaged over the seas, meets
         `limit`; with `ook=None` it is the depth of the link, at a fixed gain.
     realizations : int
         Number of seas: 1 is the sea as it is, several have random phases each.
@@ -165,7 +165,7 @@ def sensitivities(
     """
     # short waves make the light fade: distributions over the seas need them, means do not. A range
     # without a transmission is that of a mean gain
-    fading = realizations > 1 and of in FADES and (of != "range" or ook is not None)
+    fading = realizations > 1 and quantity in FADES and (quantity != "range" or ook is not None)
     campaign = campaign_of(
         link, surface, "sensitivities", run, fading=fading, several=False, chains=DEFAULT_CHAINS
     )
@@ -173,11 +173,11 @@ def sensitivities(
     if realizations > 1 and not isinstance(campaign.surface, SeededSurface):
         kind = getattr(campaign.surface, "kind", type(campaign.surface).__name__)
         raise Refused("realizations", realizations, f"1 over a surface of kind {kind}")
-    quantity = Quantity(of, limit)
+    estimated = Quantity(quantity, limit)
     normals = campaign.meshing.normals
-    electronics = None if of == "gain" else electronics_of(campaign, ook, bit_rate)
-    if electronics is None and of not in ("gain", "range"):
-        raise Refused("ook", None, f"a transmission, for {of}")
+    electronics = None if quantity == "gain" else electronics_of(campaign, ook, bit_rate)
+    if electronics is None and quantity not in ("gain", "range"):
+        raise Refused("ook", None, f"a transmission, for {quantity}")
     variant = Variant(campaign.link, campaign.surface)
     if electronics is not None:
         uav = getattr(campaign.scenario, "uav", None)
@@ -185,22 +185,22 @@ def sensitivities(
         variant = Variant(channel, campaign.surface, electronics, light_of(campaign, None), uav)
     # names are checked here: the search of the range takes long
     wanted = parameters(variant, wrt, step, normals)
-    if of == "range" and variant.detector is not None:
-        variant = _at_range(variant, campaign, realizations, quantity)
+    if quantity == "range" and variant.detector is not None:
+        variant = _at_range(variant, campaign, realizations, estimated)
         # bases and steps are those at the range
         wanted = parameters(variant, [p.name for p in wanted], step, normals)
     asked = [p.name for p in wanted]
     depth = depth_key(variant.link)
     # every derivative of the range is over that by the depth, see `_of_range`
-    if of == "range" and depth not in asked:
+    if quantity == "range" and depth not in asked:
         wanted += parameters(variant, [depth], None, normals)
-    study = Study(variant, campaign, realizations, quantity)
+    study = Study(variant, campaign, realizations, estimated)
     derivatives = []
     with campaign.workers():
         for p in wanted:
             derivatives.append(study.derivatives(p))
             campaign.advance()
-    return replace(_result(study, derivatives, asked), light=study.lights.text(variant))
+    return replace(_result(study, derivatives, asked), background_light=study.lights.text(variant))
 
 
 def _first_receiver(link: Link) -> str:
@@ -478,7 +478,7 @@ class Study:
         places = pairs[0], (self.base[:, :shifts], self.variant), pairs[1]
         low, mid, high = (self.log(*pair) for pair in places)
         # a margin and the reserve of a range are logarithms themselves
-        if self.quantity.of in ("margin", "range"):
+        if self.quantity.name in ("margin", "range"):
             return (high - 2.0 * mid + low) / step**2
         return (math.exp(high - mid) - 2.0 + math.exp(low - mid)) / step**2
 
@@ -513,7 +513,7 @@ def _result(study: Study, derivatives: list[_Derivative], names: list[str]) -> S
         # the error by the response of the channel, as in `Study._log_derivative`
         off = study.log(study.base, variant, other=True) - float(logs[0])
         stderr = math.hypot(stderr, off / math.sqrt(2.0))
-    if quantity.of == "range":
+    if quantity.name == "range":
         depth = depth_key(variant.link)
         (by_depth,) = (d for d in derivatives if d.parameter.name == depth)
         value = variant.link.depth
@@ -526,16 +526,20 @@ def _result(study: Study, derivatives: list[_Derivative], names: list[str]) -> S
     covariance = covariance_of(np.array([d.rates for d in derivatives]))
     covariance += np.diag([d.bias**2 for d in derivatives])
     # d quantity / d ln q; R of a range, whose derivatives are those of ln R by now
-    slope = value if quantity.of == "range" else quantity.slope(value)
+    slope = value if quantity.name == "range" else quantity.slope(value)
     factors = np.array([_elasticity_factor(d.parameter) for d in derivatives])
     errors = np.sqrt(np.diag(covariance)).tolist()
     table = Table(_row(d, error, slope) for d, error in zip(derivatives, errors, strict=True))
     provenance = campaign.provenance(variant.link)
-    provenance |= {"of": quantity.of, "limit": quantity.limit, "realizations": study.near.seas}
+    provenance |= {
+        "quantity": quantity.name,
+        "limit": quantity.limit,
+        "realizations": study.near.seas,
+    }
     for name, part in zip(MODELS, variant[2:], strict=True):
         provenance[name] = part and part.model_dump(mode="json")  # None of a part that is missing
     covariance *= np.outer(factors, factors)
-    return Sensitivities(quantity.of, value, stderr, quantity.unit, table, covariance, provenance)
+    return Sensitivities(quantity.name, value, stderr, quantity.unit, table, covariance, provenance)
 
 
 def _of_range(derivative: _Derivative, by_depth: _Derivative) -> _Derivative:

@@ -221,8 +221,8 @@ def in_flight(
             name, end = link.air_end
             if end.tilt_deg != 0.0:
                 raise Refused(f"{name}.tilt_deg", end.tilt_deg, "0: the flight tilts it")
-        record = flight.uav.simulate_flight(campaign.wind_of(flight), times, campaign.run.seed)
-        lean["tilt_deg"], lean["tilt_azimuth_deg"] = np.degrees(record.tilt)
+        wind = campaign.wind_of(flight).simulate_wind(times, campaign.run.seed)
+        lean["tilt_deg"], lean["tilt_azimuth_deg"] = np.degrees(flight.uav.tilt(wind))
     # links of several wavelengths move together
     moving = [
         moved(link, lean | where) if lean or where else [link] * len(times)

@@ -177,7 +177,11 @@ class _Beam:
         self._weights = np.outer(weights, weights).ravel() / math.pi
         waves = None if getattr(surface, "choppy", False) else getattr(surface, "components", None)
         # plane waves are averaged in closed form, which takes one point in place of all nodes
-        self._waves = waves and _averaged(waves, self.radius)
+        if waves is not None:  # over the footprint: exp(-k^2 w^2 / 8) of the amplitude
+            k2 = waves.kx**2 + waves.ky**2
+            footprint = np.exp(-0.125 * k2 * self.radius**2)
+            waves = waves._replace(amplitude=waves.amplitude * footprint)
+        self._waves = waves
         self._predicted = self._waves
 
     def _at(self, time: float) -> Floats:
@@ -372,12 +376,6 @@ def _newton(miss: Callable[[Floats], Floats], u: Floats, tolerance: float) -> tu
     return u, distance if math.isfinite(distance) else math.inf
 
 
-def _averaged(waves: WaveComponents, radius: float) -> WaveComponents:
-    """Return waves averaged over a footprint: exp(-k^2 w^2 / 8) of the amplitude."""
-    k2 = waves.kx**2 + waves.ky**2
-    return waves._replace(amplitude=waves.amplitude * np.exp(-0.125 * k2 * radius**2))
-
-
 class _Mirror:
     """Mirror of a tracker: turns by u (2,), within its range and at its speed."""
 
@@ -392,7 +390,7 @@ class _Mirror:
         return u * min(1.0, self._range / max(float(np.linalg.norm(u)), 1e-300))
 
     def command(self, time: float, target: Floats) -> None:
-        """Turn towards a target from a time on, later than those before."""
+        """Turn towards a target from a time on; times of commands increase."""
         self._commands.append((time, self._within(target)))
 
     def at(self, time: float) -> Floats:
@@ -403,7 +401,7 @@ class _Mirror:
         return self._turned(time)
 
     def _turned(self, time: float) -> Floats:
-        """Return u on the way to the target."""
+        """Return u at a time on the way to the target."""
         way = self.target - self._u
         angle = float(np.linalg.norm(way))
         if angle == 0.0 or self._rate == math.inf:

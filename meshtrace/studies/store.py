@@ -20,7 +20,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from threading import Lock
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,15 +34,12 @@ from meshtrace.parallel import duration
 _SYNCHRONIZED = 1.0  # [s] of finished items that a power failure may lose
 
 
-class Item(NamedTuple):
-    """Numbers of a finished step, and a text such as an error."""
-
-    numbers: Floats
-    text: str = ""
+Item = tuple[Floats, str]
+"""Numbers of a finished step, and a text such as an error."""
 
 
 class Kept:
-    """Finished items of one loop by their keys; nothing is kept without a file."""
+    """Finished items of one loop by key, kept in a file if there is one."""
 
     def __init__(
         self,
@@ -64,22 +61,22 @@ class Kept:
 
     def of_shape(self, key: object, shape: tuple[int | None, ...]) -> Item:
         """Return an item; refuse numbers of another shape than a study writes (None: any size)."""
-        item = self[key]
-        sizes = zip(item.numbers.shape, shape, strict=False)
-        if item.numbers.ndim != len(shape) or not all(n is None or n == m for m, n in sizes):
+        item = numbers, _ = self[key]
+        sizes = zip(numbers.shape, shape, strict=False)
+        if numbers.ndim != len(shape) or not all(n is None or n == m for m, n in sizes):
             wanted = " x ".join("n" if n is None else str(n) for n in shape)
-            reason = Described(f"{str(self._path)!r}: an item of shape {item.numbers.shape}")
+            reason = Described(f"{str(self._path)!r}: an item of shape {numbers.shape}")
             raise Refused("store", reason, f"items of {wanted} numbers, or a new path")
         return item
 
     def keep(self, key: object, numbers: ArrayLike, text: str = "") -> Item:
         """Append an item, and return it."""
-        item = Item(np.asarray(numbers, np.float64), text)
+        numbers = np.asarray(numbers, np.float64)
         if self._file is None:
-            return item
+            return numbers, text
         # all bits of the numbers, which decimal digits may lose
-        bits = b64encode(item.numbers.tobytes()).decode()
-        content = {"of": self._digest, "item": str(key), "shape": item.numbers.shape}
+        bits = b64encode(numbers.tobytes()).decode()
+        content = {"of": self._digest, "item": str(key), "shape": numbers.shape}
         line = _line(content | {"numbers": bits, "text": text})
         with self._turn:
             # one write of a whole line: a kill leaves it whole, or cut and without its checksum
@@ -89,8 +86,8 @@ class Kept:
             # not after each item: a flush to the disk takes as long as a fast step
             os.fsync(self._file.fileno())
             self._synchronized = time.monotonic()
-        self._items[str(key)] = item
-        return item
+        self._items[str(key)] = numbers, text
+        return numbers, text
 
 
 class Store:
@@ -239,7 +236,7 @@ class Store:
         self._end += sum(map(len, sound))
 
     def _take(self, line: bytes) -> bool:
-        """Take up the identity or the item of a line; return whether the line is sound."""
+        """Add the identity or the item of a line; return whether the line is undamaged."""
         digest, _, content = line.removesuffix(b"\n").partition(b" ")
         if not line.endswith(b"\n") or digest.decode("latin-1") != _digest(content):
             return False
@@ -252,7 +249,7 @@ class Store:
         return True
 
     def _take_content(self, content: dict[str, Any]) -> None:
-        """Take up the identity of a loop, or the numbers of an item."""
+        """Add the identity of a loop, or the numbers of an item."""
         if "loop" in content:
             name, identity = content["loop"], content["identity"]
             if not isinstance(name, str) or not isinstance(identity["study"], str):
@@ -269,11 +266,11 @@ class Store:
         # reshape would take -1 for any size
         if min(shape, default=0) < 0 or math.prod(shape) != numbers.size:
             raise ValueError(f"{numbers.size} numbers of shape {shape}")
-        self._items.setdefault(digest, {})[item] = Item(numbers.reshape(shape), text)
+        self._items.setdefault(digest, {})[item] = numbers.reshape(shape), text
 
 
 def is_store(path: Path) -> bool:
-    """Return whether there is a file that begins like a store."""
+    """Return whether a file exists and begins like a store."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -401,7 +398,7 @@ def _lives_elsewhere(owner: dict[str, Any]) -> bool:
 
 @contextmanager
 def _brief_interruption(text: str) -> Iterator[None]:
-    """Raise an interruption of the block again, with a text and without its frames.
+    """Re-raise an interruption of the block with a text, without its traceback.
 
     A step that is interrupted is some forty lines of frames deep, which tell a user nothing.
     """

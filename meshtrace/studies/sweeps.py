@@ -176,7 +176,7 @@ class Sweep:
 
         Returns
         -------
-        Item
+        tuple of ndarray and str
             Numbers, shape (realizations, measured * wavelengths * receivers + 1): those of
             `measured`, each by wavelength and receiver, and last the seconds of the realization.
             The text is the JSON list of the errors of the realizations, empty where they went well.
@@ -195,7 +195,7 @@ class Sweep:
             except Exception as failure:
                 error_texts[i] = error_text(failure)
             table[i, -1] = time.perf_counter() - start
-        return Item(table, json.dumps(error_texts))
+        return table, json.dumps(error_texts)
 
     def _measure(self, task: Task, realization: int) -> NDArray[np.float64]:
         """Return the numbers of a realization, shape (measured, wavelengths, receivers)."""
@@ -263,7 +263,7 @@ class Sweep:
         progress: Callable[[int], None] | None = None,
     ) -> xr.Dataset:
         """Compute the results, or read them from the store; options are as in `sweep`."""
-        cluster = Cluster(workers, timeout).checked()
+        cluster = Cluster(workers, timeout)
         identity, items = self.identity(), dict[Task, Item]()
         shape, tasks = partial(_shape_of, identity), list(self.tasks())
         with (
@@ -278,7 +278,7 @@ class Sweep:
                     # the worker may have failed, and not the point: such an item is not stored.
                     # `dataset` broadcasts the one nan of a realization to all its numbers
                     n = task.last - task.first
-                    item = Item(np.full((n, 1), np.nan), json.dumps([error_text(item)] * n))
+                    item = np.full((n, 1), np.nan), json.dumps([error_text(item)] * n)
                 items[task] = item
                 if progress is not None:
                     progress(1)
@@ -320,8 +320,8 @@ def dataset(identity: dict[str, Any], items: Mapping[Task, Item]) -> xr.Dataset:
     # the last number of a realization is its seconds
     numbers = np.full((*shape, math.prod(sizes) + 1), np.nan)  # (parameters..., realization, k)
     error = np.full(shape, "", object)
-    for task, item in items.items():
-        numbers[task.region], error[task.region] = item.numbers, json.loads(item.text)
+    for task, (numbers_of_task, texts) in items.items():
+        numbers[task.region], error[task.region] = numbers_of_task, json.loads(texts)
     measured = numbers[..., :-1].reshape(*shape, *sizes)
     variables: dict[str, Any] = {
         "seconds": (dims, numbers[..., -1], {"units": "s"}),

@@ -81,7 +81,7 @@ def swings(
     if not isinstance(change, Mapping):
         ends = {name: p.about(change) for name, p in known.items()}
     base, slope = study.logs_of(variant), 0.0
-    if s.of == "range":  # slope is d ln q / d depth [m-1], negative
+    if s.quantity == "range":  # slope is d ln q / d depth [m-1], negative
         (depth,) = parameters(variant, [depth_key(variant.link)], None, normals)
         low, high = (study.logs_of(depth.at(variant, depth.shifted(k)))[0] for k in (-1.0, 1.0))
         slope = (high - low) / (2.0 * depth.step * depth.base)
@@ -89,7 +89,7 @@ def swings(
     def change_at(there: Variant) -> tuple[float, float]:
         """Return the change [dB, or m] of the quantity and its standard error."""
         off = study.logs_of(there) - base
-        if s.of != "range":
+        if s.quantity != "range":
             return DECIBELS * float(off[0]), DECIBELS * error_of(off)
         moved = -off / slope
         link = there.link.at_depth(there.link.depth + float(moved[0]))
@@ -112,6 +112,6 @@ def _study_of(s: Sensitivities) -> Study:
     parts = (config[name] and kind.model_validate(config[name]) for name, kind in MODELS.items())
     inputs: Any = scenario.surface, scenario.run, scenario.meshing
     campaign = Campaign({"link": scenario.link}, *inputs)
-    quantity = Quantity(s.of, config["limit"])  # type: ignore[arg-type]
+    quantity = Quantity(s.quantity, config["limit"])  # type: ignore[arg-type]
     variant = Variant(scenario.link, scenario.surface, *parts)
     return Study(variant, campaign, config["realizations"], quantity)

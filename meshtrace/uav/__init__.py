@@ -1,8 +1,8 @@
 """Hovering UAV: wind and gusts, the tilt of its receiver over time and as a law, its route.
 
-The airframe leans into the wind until thrust balances drag. `Uav.tilt` maps winds to tilts,
-`Uav.simulate_flight` gives records in time for a joint run with the sea, and `Uav.tilt_law` the
-law of the tilt angle, exact or as the paper's Gamma approximation.
+The airframe leans into the wind until thrust balances drag. `Uav.tilt` maps winds to tilts, also
+those over time of `Dryden.simulate_wind`; `Uav.tilt_law` is the law of the tilt angle, exact or as
+the paper's Gamma approximation.
 """
 
 from meshtrace.lazy import attach

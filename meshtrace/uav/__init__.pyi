@@ -1,6 +1,5 @@
 from .airframe import UAVS as UAVS
 from .airframe import Flight as Flight
-from .airframe import FlightRecord as FlightRecord
 from .airframe import Tilt as Tilt
 from .airframe import Uav as Uav
 from .route import Route as Route

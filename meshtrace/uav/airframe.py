@@ -28,14 +28,6 @@ class Tilt(NamedTuple):
     azimuth: Floats
 
 
-class FlightRecord(NamedTuple):
-    """Record of a flight: times (n,) [s], wind (n, 3) [m s-1], tilt of the receiver (n,) [rad]."""
-
-    times: Floats
-    wind: Floats
-    tilt: Tilt
-
-
 class Uav(Model, frozen=True):
     """Hovering multirotor that balances the wind's drag by tilting.
 
@@ -86,7 +78,7 @@ class Uav(Model, frozen=True):
         Parameters
         ----------
         wind : array_like
-            Wind vectors (..., 3) [m s-1].
+            Wind vectors (..., 3) [m s-1], such as those of `Dryden.simulate_wind`.
 
         Returns
         -------
@@ -100,26 +92,6 @@ class Uav(Model, frozen=True):
             return Tilt(np.zeros(v.shape[:-1]), np.zeros(v.shape[:-1]))
         angle = np.arctan(self.tilt_coefficient * np.sum(v * v, axis=-1))
         return Tilt(angle, np.arctan2(v[..., 1], v[..., 0]))
-
-    def simulate_flight(self, wind: Dryden, times: ArrayLike, seed: int) -> FlightRecord:
-        """Simulate wind and tilt in time.
-
-        Parameters
-        ----------
-        wind : Dryden
-            Wind at the UAV.
-        times : array_like
-            Evenly spaced times (n,) [s], for instance those of the sea's time series.
-        seed : int
-            Seed of the generator.
-
-        Returns
-        -------
-        FlightRecord
-            Times, wind and tilt.
-        """
-        record = wind.simulate_wind(times, seed)
-        return FlightRecord(np.asarray(times, dtype=float), record, self.tilt(record))
 
     def tilt_law(
         self, wind: Dryden, law: Literal["exact", "gamma"] = "exact"

@@ -340,7 +340,7 @@ def test_wavelengths_are_those_of_runs_of_their_own():
     )
     assert choice.flat[0] <= choice.best <= choice.flat[1]
     with pytest.raises(Refused, match="a water with a spectrum"):
-        mt.design(mt.Scenario.from_toml(CALM), over={choice.key: (450.0, 550.0)}, **FEW)
+        mt.design(mt.Scenario.from_toml(CALM), bounds={choice.key: (450.0, 550.0)}, **FEW)
 
 
 @pytest.mark.statistical
@@ -428,8 +428,8 @@ def test_a_windy_link_from_an_aircraft(tmp_path):
         ({"outage": 0.0}, "outage: 0"),
         ({"limit": 0.7}, "limit: 0.7"),
         ({"realizations": 2}, "realizations: 2"),
-        ({"over": {"receiver.fov": (1.0, 2.0)}}, "did you mean receiver.*fov_deg"),
-        ({"over": {"receiver.fov_deg": (9.0, 2.0)}}, "low < high"),
+        ({"bounds": {"receiver.fov": (1.0, 2.0)}}, "did you mean receiver.*fov_deg"),
+        ({"bounds": {"receiver.fov_deg": (9.0, 2.0)}}, "low < high"),
     ],
 )
 def test_refusals(options, message):

@@ -163,7 +163,7 @@ def test_file(tmp_path):
 @pytest.mark.parametrize(
     ("over", "options", "message"),
     [
-        ({}, {}, "over: "),
+        ({}, {}, "bounds: "),
         ({ANGLE: (5.0, 5.0)}, {}, "low < high"),
         ({ANGLE: (5.0, 95.0)}, {}, "half_angle_deg"),
         ({"wind_speed": (5.0, 9.0)}, {}, r"allowed: water\.\*, .*receiver\.\*, "),

@@ -53,9 +53,9 @@ def test_both_directions_are_those_of_duplex():
 def test_a_flight_moves_both_ends_and_is_kept():
     route = mt.Route(times=(0.0, 1.0), positions=((0.0, 0.0), (2.0, 0.0)), heights=(5.0, 6.0))
     found = trace(flight=FLIGHT, route=route)
-    record = FLIGHT.uav.simulate_flight(FLIGHT.wind, found.time, FEW["seed"])
-    np.testing.assert_allclose(found.tilt_deg, np.degrees(record.tilt.angle))
-    np.testing.assert_allclose(found.tilt_azimuth_deg, np.degrees(record.tilt.azimuth))
+    tilt = FLIGHT.uav.tilt(FLIGHT.wind.simulate_wind(found.time, FEW["seed"]))
+    np.testing.assert_allclose(found.tilt_deg, np.degrees(tilt.angle))
+    np.testing.assert_allclose(found.tilt_azimuth_deg, np.degrees(tilt.azimuth))
     np.testing.assert_allclose(found.place[-1], [1.0, 0.0, 5.5])
     lamp = LINK.mirrored().transmitter.replace(
         position=(1.0, 0.0),

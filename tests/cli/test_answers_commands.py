@@ -19,7 +19,7 @@ def test_sensitivity_prints_and_writes_the_table(tmp_path):
 
 def test_optimize_prints_and_writes_the_best_link(tmp_path):
     path = tmp_path / "o.nc"
-    over = ("--over", "transmitter.half_angle_deg=5,20", "--objective", "gain", "-n", "1")
+    over = ("--bounds", "transmitter.half_angle_deg=5,20", "--objective", "gain", "-n", "1")
     text = meshtrace("optimize", *STILL, *over, "-o", path)
     found = mt.Optimum.load(path)
     assert found.values[0] == 5.0
@@ -30,10 +30,10 @@ def test_optimize_prints_and_writes_the_best_link(tmp_path):
     ("words", "message"),
     [
         (("sensitivity", *STILL, "--wrt", "water.aa"), "did you mean water.a"),
-        (("sensitivity", *STILL, "--of", "gian"), "did you mean gain"),
-        (("optimize", *STILL, "--over", "receiver.fov_deg"), "--over"),
-        (("optimize", *STILL, "--over", "receiver.fov_deg=60"), "KEY=LOW,HIGH"),
-        (("optimize", *STILL, "--over", "receiver.fov_deg=6,60", "--hover", "1"), "--hover: '1'"),
+        (("sensitivity", *STILL, "--quantity", "gian"), "did you mean gain"),
+        (("optimize", *STILL, "--bounds", "receiver.fov_deg"), "--bounds"),
+        (("optimize", *STILL, "--bounds", "receiver.fov_deg=60"), "KEY=LOW,HIGH"),
+        (("optimize", *STILL, "--bounds", "receiver.fov_deg=6,60", "--hover", "1"), "--hover: '1'"),
     ],
 )
 def test_refusals(words, message):

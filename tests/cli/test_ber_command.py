@@ -113,8 +113,8 @@ def test_ber_by_day_names_its_light():
         for name, angle in (("--sun-elevation", 60), ("--sun-zenith", 30))
     ]
     assert by_angle[0] == by_angle[1]
-    assert by_angle[0]["light"].startswith("clear sky at zenith angle 30 deg, ")
-    assert "counts/s through 2 nm" in by_angle[0]["light"]
+    assert by_angle[0]["background_light"].startswith("clear sky at zenith angle 30 deg, ")
+    assert "counts/s through 2 nm" in by_angle[0]["background_light"]
     text = shown(*options, "--daylight", "overcast", "--sun-elevation", 20)
     assert "background light: overcast sky at zenith angle 70 deg, " in text
     assert "background light: none: dark" in shown(*options)

@@ -272,7 +272,7 @@ def test_a_duration_takes_the_place_of_times():
 
 def test_bounds_of_a_search_are_asked_for_in_the_form_of_the_option():
     done = meshtrace("optimize")
-    assert done.stderr.startswith("error: --over: missing, allowed: KEY=LOW,HIGH")
+    assert done.stderr.startswith("error: --bounds: missing, allowed: KEY=LOW,HIGH")
 
 
 def test_a_setting_without_its_option_is_recognized():

@@ -98,7 +98,10 @@ def test_texts_are_parsed(parse, text, value):
         ("series --times 1:0:1", "--times: '1:0:1', allowed: numbers as in 1,2,3"),
         ("series --times 0:inf:1", "--times: '0:inf:1', allowed: numbers as in 1,2,3"),
         ("irradiance --patch 1", "--patch: '1', allowed: two numbers, as in 1,2"),
-        ("optimize --over a=1", "--over: 'a=1', allowed: KEY=LOW,HIGH, as in receiver.fov_deg="),
+        (
+            "optimize --bounds a=1",
+            "--bounds: 'a=1', allowed: KEY=LOW,HIGH, as in receiver.fov_deg=",
+        ),
         ("explore --port 65536", "--port: '65536', allowed: <= 65535"),
     ],
 )
@@ -135,8 +138,8 @@ def test_a_group_of_options_is_one_argument_of_a_function():
         ("ber --limit 0.7", "--limit: 0.7, allowed: 0 < limit < 0.5"),
         ("ber --bit-rates 0", "--bit-rates: 0.0, allowed: 0 < bit_rate"),
         ("coverage --step -1", "--step: -1.0, allowed: "),
-        ("sensitivity --of x", "--of: 'x', allowed: gain, ber"),
-        ("optimize", "--over: missing, allowed: "),
+        ("sensitivity --quantity x", "--quantity: 'x', allowed: gain, ber"),
+        ("optimize", "--bounds: missing, allowed: "),
         ("traces --hours nan", "--hours: nan, allowed: "),  # both once ended in a traceback
         ("traces --hours 1e308 --rate 1e308", "--"),
         ("converge --time-steps 1,0.5,0.25,0.125 --duration nan", "--duration: nan, allowed: "),
@@ -170,7 +173,7 @@ def test_defaults_are_those_of_the_studies(tmp_path):
     found = mt.coverage_map(scenario, extent=1.0, step=1.0, photons=100)
     assert found.provenance["times"] == [2.0]
     over = {"transmitter.half_angle_deg": (5.0, 20.0)}
-    best = mt.optimize(scenario, over=over, objective="gain", realizations=1, photons=64)
+    best = mt.optimize(scenario, bounds=over, objective="gain", realizations=1, photons=64)
     assert best.provenance["run"]["seed"] == 5
 
 

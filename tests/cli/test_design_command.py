@@ -39,7 +39,7 @@ def test_design_prints_a_page_and_writes_it(golden, tmp_path, monkeypatch, calm_
     assert scenario == mt.Scenario.load(path)
     assert callable(options.pop("progress"))
     expected = {"photons": 32, "realizations": 9, "outage": 0.01, "limit": 0.001}
-    expected |= {"combining": "maximal", "over": None, "store": None, "workers": None}
+    expected |= {"combining": "maximal", "bounds": None, "store": None, "workers": None}
     assert options == expected
     places = [text.index(part) for part in PARTS]
     assert places == sorted(places)
@@ -53,8 +53,8 @@ def test_design_prints_a_page_and_writes_it(golden, tmp_path, monkeypatch, calm_
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--over", "receiver.fov=1,2"), "did you mean receiver.*fov_deg"),
-        (("--over", "receiver.fov_deg=60"), "KEY=LOW,HIGH"),
+        (("--bounds", "receiver.fov=1,2"), "did you mean receiver.*fov_deg"),
+        (("--bounds", "receiver.fov_deg=60"), "KEY=LOW,HIGH"),
         (("--outage", "2"), "--outage: 2"),
         (("-n", "3"), "--realizations: 3"),
         (("--set", "detector.bitrate=3"), "did you mean bit_rate"),

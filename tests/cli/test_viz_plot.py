@@ -49,7 +49,7 @@ WRITING = {
     "coverage": ("coverage", "--photons", "2000"),
     "availability": ("availability", "--runs", "8", "-n", "4", *FEW),
     "sensitivity": ("sensitivity", "--wrt", "water.a", *FEW),
-    "optimize": ("optimize", "--over", "receiver.fov_deg=6,90", "-n", "4", *FEW),
+    "optimize": ("optimize", "--bounds", "receiver.fov_deg=6,90", "-n", "4", *FEW),
     "design": ("design", "-n", "8", *FEW),
     "irradiance": ("irradiance", "--times", "0,0.1", "--photons", "1000"),
     "lidar": ("lidar", "--seas", "2", *FEW),

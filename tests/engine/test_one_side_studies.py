@@ -42,7 +42,7 @@ pytestmark = [
 
 REFUSED = {
     "sensitivities": lambda link: mt.sensitivities(link, FLAT, ["water.a"], **FEW),
-    "range": lambda link: mt.sensitivities(link, FLAT, ["water.a"], of="range", **FEW),
+    "range": lambda link: mt.sensitivities(link, FLAT, ["water.a"], quantity="range", **FEW),
     "optimize": lambda link: mt.optimize(link, FLAT, {"water.a": (0.1, 0.2)}, **FEW),
     "infer": lambda link: mt.infer([{"water.b": 0.1, "gain": 1e-5, "stderr": 1e-6}], link,
                                    ["water.a"], **FEW),

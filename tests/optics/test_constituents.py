@@ -183,7 +183,7 @@ def test_daylight_decays_as_in_the_regression_of_morel_and_maritorena(wavelength
         link = mt.Link(water=water, transmitter=mt.sources.Sun(zenith_deg=zenith), planes=planes)
         mesh = mt.surfaces.FlatSea().mesh(0.0, 1e4, 5e3)
         run = mt.simulate(link, mesh, estimator="analog", photons=2**12, seed=7, roulette=1e-5)
-        traced.append(daylight.attenuation(run.planes, 0, 1)[0])
+        traced.append(daylight.attenuation(run.planes)[0])
     assert 0.96 * traced[0] < printed < traced[1]
 
 
@@ -223,9 +223,7 @@ def test_traced_daylight_decays_as_in_hydrolight(name, wavelength, printed):
     a, b = map(float, coefficients(f"jerlov-{name}", wavelength))
     depth = (6.0 if name == "III" else 10.0) / b
     low, high = (
-        daylight.attenuation(
-            daylight.light_below(a, b, "average", zenith, (0.01, depth), 2**13), 0, 1
-        )[0]
+        daylight.attenuation(daylight.light_below(a, b, "average", zenith, (0.01, depth), 2**13))[0]
         for zenith in (0.0, 45.0)
     )
     assert 0.93 * low < printed < 1.07 * high

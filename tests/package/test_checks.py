@@ -109,7 +109,7 @@ LINK, FLAT, GAIN = mt.Link(), surfaces.FlatSea(), np.array([1.0, 2.0, 3.0])
         ("cos_i", lambda: optics.fresnel_reflectance("0.5", 1.33, 1.0)),
         ("parameters", lambda: mt.sweep(LINK, [1.0])),
         ("tilt", lambda: uav.h_alpha(-math.inf, 1.0)),
-        ("over", lambda: mt.design(mt.Scenario.from_toml(""), over=3)),
+        ("bounds", lambda: mt.design(mt.Scenario.from_toml(""), bounds=3)),
         ("gain_stderr", lambda: fading.fit_gamma_gamma(GAIN, object())),
         ("wavelengths_nm", lambda: mt.Water().spectra({})),
         ("step", lambda: mt.sensitivities(LINK, FLAT, ["water.a"], step=Decimal("1e400"))),

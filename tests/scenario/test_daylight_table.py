@@ -164,7 +164,7 @@ def test_every_error_rate_names_its_light(tmp_path):
     assert dark.at().required_power < night.at().required_power * 1.01 < day.at().required_power
     day.save(tmp_path / "day.nc")
     loaded = mt.LinkPerformance.load(tmp_path / "day.nc")
-    assert loaded.light == day.light
+    assert loaded.background_light == day.background_light
     assert loaded.at().widest_filter_nm == day.at().widest_filter_nm
     assert loaded.provenance["daylight"]["direct"] == 1.42
 
@@ -180,16 +180,19 @@ def test_ranges_of_several_winds_name_the_light_of_each():
         for light in (None, mt.Daylight.night(), DAY)
     )
     text = DepthSweep((5.0, 13.0), (night, day)).summary()
-    assert f"background light, 5 m/s: {night.light}" in text
-    assert f"background light, 13 m/s: {day.light}" in text
-    assert f"\nbackground light: {dark.light}" in DepthSweep((5.0, 13.0), (dark, dark)).summary()
+    assert f"background light, 5 m/s: {night.background_light}" in text
+    assert f"background light, 13 m/s: {day.background_light}" in text
+    assert (
+        f"\nbackground light: {dark.background_light}"
+        in DepthSweep((5.0, 13.0), (dark, dark)).summary()
+    )
 
 
 @pytest.mark.filterwarnings("ignore::meshtrace.DaylightWarning")
 def test_overcast_skies_name_their_hidden_sun():
     link = mt.Link(receiver=mt.Receiver(fov_deg=5.0))
     found = mt.link_performance(link, FlatSea(), photons=64, daylight=mt.Daylight.overcast(50.0))
-    assert found.light.startswith("overcast sky at zenith angle 50 deg, ")
+    assert found.background_light.startswith("overcast sky at zenith angle 50 deg, ")
 
 
 @pytest.mark.filterwarnings("ignore::meshtrace.DaylightWarning")

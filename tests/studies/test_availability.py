@@ -136,7 +136,7 @@ def test_absorption_by_beer_and_lambert():
 
 
 def test_another_threshold_takes_no_new_runs(tmp_path, monkeypatch):
-    options = FEW | {"store": tmp_path / "a.store", "over": {}}
+    options = FEW | {"store": tmp_path / "a.store", "bounds": {}}
     inputs = {"water.a": {"samples": np.linspace(0.05, 0.3, 40)}}
     first = availability(CLEAR, inputs, threshold=1e-5, **options)
     monkeypatch.setattr(availability_runs, "simulate", None)
@@ -178,7 +178,8 @@ def test_samples_of_files(tmp_path):
     assert cdom.of_month(2).max() == pytest.approx(0.1, rel=1e-3)
     # one file: the values of the same times
     assert speed.record == height.record != ""
-    inputs = [speed._replace(values=(wind * 1.0,)), height._replace(values=(hs,))]
+    speed.values, height.values = (wind * 1.0,), (hs,)
+    inputs = [speed, height]
     axes = [item.axis() for item in inputs]
     values = np.transpose([axis.value(np.linspace(0, 1, 8)) for axis in axes])
     rows = np.transpose([np.exp(values[:, 0]), np.ones(8), 0.1 * np.ones(8), np.ones(8)])
@@ -224,8 +225,8 @@ def test_refusals(inputs, field):
 def test_refusals_of_other_arguments():
     inputs = {"water.a": [0.1, 0.2]}
     for changes, field in (
-        ({"over": {"water.a": (0.1, 0.2)}}, "over"),
-        ({"over": {"transmitter.depth": (5.0, 9.0), "receiver.height": (1.0, 9.0)}}, "over"),
+        ({"bounds": {"water.a": (0.1, 0.2)}}, "bounds"),
+        ({"bounds": {"transmitter.depth": (5.0, 9.0), "receiver.height": (1.0, 9.0)}}, "bounds"),
         ({"runs": 4}, "runs"),
         ({"threshold": 0.0}, "threshold"),
     ):
@@ -249,9 +250,9 @@ def test_bits_give_the_need():
     """The need is that of the transmission, under its background."""
     day = {"model": "uniform", "direct": 0.0, "diffuse": 0.5}
     inputs = {"water.a": [0.1, 0.2]}
-    dark = availability(CLEAR, inputs, over={}, **FEW)
+    dark = availability(CLEAR, inputs, bounds={}, **FEW)
     scenario = mt.Scenario.from_config(CLEAR.to_config() | {"daylight": day})
-    bright = availability(scenario, inputs, over={}, **FEW)
+    bright = availability(scenario, inputs, bounds={}, **FEW)
     assert math.isfinite(dark.need)
     assert (bright.run_need > 2.0 * dark.run_need).all()
 
@@ -279,7 +280,7 @@ def test_brute_force_of_200_runs(tmp_path):
     for level in (0.1, 0.2, 0.5, 0.8, 0.9):
         threshold = float(np.quantile(gains, level))
         got = availability(
-            scenario, inputs, threshold=threshold, over={}, store=tmp_path / "runs.store",
+            scenario, inputs, threshold=threshold, bounds={}, store=tmp_path / "runs.store",
             runs=64, realizations=4,
         )  # fmt: skip
         print(level, got.year.mean_share)
@@ -294,7 +295,7 @@ def test_fades_against_seas_of_random_states():
     """The share at the instant is that of gains over seas in random states."""
     base = {"transmitter.depth": 20.0, "transmitter.wavelength_nm": 490.0}
     scenario = mt.Scenario.from_toml("", changes=base)
-    got = availability(scenario, threshold=1.5e-5, over={})
+    got = availability(scenario, threshold=1.5e-5, bounds={})
     wind, chlorophyll = read_inputs(availability_study.PRIOR)
     works = []
     for seed, (u, v) in enumerate(stats.qmc.Sobol(2, rng=11).random(128)):

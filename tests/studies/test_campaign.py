@@ -200,4 +200,4 @@ def test_the_printed_forms_have_an_error_rate():
     # 100 mW at a gain of 1e-4 are far above what the receiver needs at 10 m
     assert found.at().margin_optical_db.value > 20.0
     with pytest.raises(Refused, match=r"run\.estimator: .analog., allowed: forced"):
-        mt.optimize(scenario, over={"receiver.fov_deg": (10.0, 90.0)})
+        mt.optimize(scenario, bounds={"receiver.fov_deg": (10.0, 90.0)})

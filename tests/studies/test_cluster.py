@@ -81,7 +81,7 @@ def pid_of(job):
 @pytest.mark.parametrize(("workers", "jobs"), [(1, 4), (None, 4), (2, 1)])
 def test_little_work_is_done_in_this_process(workers, jobs, monkeypatch):
     monkeypatch.setattr(cluster, "_client", None)
-    found = dict(cluster.Cluster(workers).checked().map(lambda: pid_of, range(jobs)))
+    found = dict(cluster.Cluster(workers).map(lambda: pid_of, range(jobs)))
     assert str(found.pop(1, "one")) == "one"
     assert found == dict.fromkeys(found, os.getpid())
     assert len(found) == max(jobs - 1, 1)
@@ -116,9 +116,9 @@ def test_the_end_of_a_loop_ends_other_processes():
 
 def test_one_worker_needs_no_dask(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    assert list(cluster.Cluster(1).checked().map(lambda: abs, [-2])) == [(0, 2)]
+    assert list(cluster.Cluster(1).map(lambda: abs, [-2])) == [(0, 2)]
     with pytest.raises(Refused, match=r"workers: distributed is not installed.*meshtrace\[batch\]"):
-        cluster.Cluster(2).checked()
+        cluster.Cluster(2)
 
 
 @pytest.mark.parametrize("name", ["ensemble", "optimize", "infer", "design", "coverage"])

@@ -52,7 +52,7 @@ def margin(key, value):
     ],
 )
 def test_margins_by_day_have_the_slopes_of_runs_of_their_own(key, base):
-    s = mt.sensitivities(scenario(), wrt=[key], of="margin", photons=64)
+    s = mt.sensitivities(scenario(), wrt=[key], quantity="margin", photons=64)
     low, high = (margin(key, base * (1.0 + step)) for step in (-0.01, 0.01))
     assert s.derivative(key).value == pytest.approx((high - low) / (0.02 * base), rel=1e-3)
     assert abs(low - high) > 1e-3
@@ -65,7 +65,7 @@ def test_tilts_of_an_aircraft_count_as_in_a_performance():
         return mt.Scenario.from_toml(FILE, changes=changes)
 
     options = {"photons": 64}
-    s = mt.sensitivities(at(8.37), wrt=["uav.mass"], of="margin", **options)
+    s = mt.sensitivities(at(8.37), wrt=["uav.mass"], quantity="margin", **options)
     rates = [
         mt.link_performance(at(m), realizations=40, daylight=DAY, **options).at().gain.value
         for m in (8.37 * 0.99, 8.37 * 1.01)
@@ -79,7 +79,7 @@ def test_tilts_of_an_aircraft_count_as_in_a_performance():
 def test_the_margin_of_a_filter_and_a_view_is_best_where_a_scan_says():
     views, widths = (8.0, 16.0, 32.0), (1.0, 4.0)
     o = mt.optimize(
-        scenario(), over={"receiver.fov_deg": (8.0, 32.0), WIDTH: (1.0, 4.0)},
+        scenario(), bounds={"receiver.fov_deg": (8.0, 32.0), WIDTH: (1.0, 4.0)},
         objective="margin", realizations=1, photons=64,
     )  # fmt: skip
     scan = {
@@ -100,7 +100,7 @@ def test_the_margin_of_a_filter_and_a_view_is_best_where_a_scan_says():
 def test_the_bit_rate_of_most_capacity_is_that_of_a_scan():
     key = "detector.bit_rate"
     o = mt.optimize(
-        scenario(), over={key: (1e6, 1e8)}, objective="capacity", realizations=1, photons=64
+        scenario(), bounds={key: (1e6, 1e8)}, objective="capacity", realizations=1, photons=64
     )
     lit = scenario()
     found = mt.background(lit.link, lit.surface, DAY, photons=2048)
@@ -126,7 +126,7 @@ def test_the_cost_of_a_user_sees_detector_and_background():
         return at.detector.optics.filter_width_nm**-1 + 100.0 * short
 
     o = mt.optimize(
-        scenario(detector__bit_rate=4e6), over={WIDTH: (0.5, 40.0)}, objective=cost,
+        scenario(detector__bit_rate=4e6), bounds={WIDTH: (0.5, 40.0)}, objective=cost,
         realizations=1, photons=64, constraints=[lambda at: 30.0 - at.link.receiver.fov_deg],
     )  # fmt: skip
     widest = mt.link_performance(
@@ -175,8 +175,8 @@ def test_keys_of_the_light_are_none_of_those_by_default():
 
 def test_unknown_keys_are_refused_with_those_allowed():
     for study, field, options in (
-        (mt.sensitivities, "wrt", {"wrt": ["detector.optics.filter"], "of": "margin"}),
-        (mt.optimize, "over", {"over": {"detector.optics.filter": (1.0, 2.0)}}),
+        (mt.sensitivities, "wrt", {"wrt": ["detector.optics.filter"], "quantity": "margin"}),
+        (mt.optimize, "bounds", {"bounds": {"detector.optics.filter": (1.0, 2.0)}}),
     ):
         with pytest.raises(Refused) as refused:
             study(scenario(), photons=64, realizations=1, **options)
@@ -186,7 +186,7 @@ def test_unknown_keys_are_refused_with_those_allowed():
         assert "detector.led.power" not in refused.value.allowed  # follows the lamp
     with pytest.raises(Refused, match=r"a transmission, for capacity"):
         mt.optimize(
-            mt.Link(), over={"receiver.fov_deg": (5.0, 9.0)}, objective="capacity", ook=None
+            mt.Link(), bounds={"receiver.fov_deg": (5.0, 9.0)}, objective="capacity", ook=None
         )
     with pytest.raises(Refused, match=r"measurements\[0\]\.ber"):
         mt.infer([{"ber": 1e-3, "stderr": 1e-4}], mt.Link(), ["water.a"], photons=64)

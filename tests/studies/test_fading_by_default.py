@@ -54,7 +54,7 @@ FADING = {
     "performance": lambda link: mt.link_performance(link, realizations=2, photons=64),
     "background": lambda link: background_series(link, None, DAY, [0.0], photons=32),
     "outage": lambda link: mt.optimize(
-        link, over=HALF_ANGLE, realizations=2, method="bounded", **FEW
+        link, bounds=HALF_ANGLE, realizations=2, method="bounded", **FEW
     ),
     "ber": lambda link: mt.sensitivities(link, None, ["water.a"], "ber", realizations=2, **FEW),
 }
@@ -63,7 +63,7 @@ MEANS = {
     "one sea": lambda link: mt.sensitivities(link, None, ["water.a"], "ber", **FEW),
     "gain": lambda link: mt.sensitivities(link, None, ["water.a"], realizations=2, **FEW),
     "margin": lambda link: mt.optimize(
-        link, over=HALF_ANGLE, objective="margin", realizations=2, method="bounded", **FEW
+        link, bounds=HALF_ANGLE, objective="margin", realizations=2, method="bounded", **FEW
     ),
     "coverage": lambda link: mt.coverage_map(link, extent=1.0, step=1.0, **FEW),
 }

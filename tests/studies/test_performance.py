@@ -333,7 +333,7 @@ def test_small_tilts_agree_with_the_factor(tilt_deg):
     link, sea, times = mt.Link(), JonswapSea(wind_speed=5.0, waves="paper"), np.arange(4.0)
     coupled = mt.time_series(link, sea, times, flight=mt.Flight(uav, wind), photons=1024)
     level = mt.time_series(link, sea, times, photons=1024)
-    tilt = uav.simulate_flight(wind, times, 1).tilt
+    tilt = uav.tilt(wind.simulate_wind(times, 1))
     assert tilt.angle == pytest.approx(math.radians(tilt_deg), rel=1e-9)
     ratio = coupled.gain / level.gain
     assert ratio == pytest.approx(math.cos(math.radians(tilt_deg)), rel=0.01)
@@ -366,8 +366,8 @@ def test_each_frame_has_its_own_tilt():
     options = {"photons": 1024, "seed": 5}
     flight = mt.Flight(mt.Uav(), wind)
     series = mt.time_series(mt.Link(), FlatSea(), times, flight=flight, **options)
-    flown = mt.Uav().simulate_flight(wind, times, 5)
-    for i, (angle, azimuth) in enumerate(zip(*flown.tilt, strict=True)):
+    tilt = mt.Uav().tilt(wind.simulate_wind(times, 5))
+    for i, (angle, azimuth) in enumerate(zip(*tilt, strict=True)):
         azimuth_deg = math.degrees(azimuth)
         link = at_depth(10.0, tilt_deg=math.degrees(angle), tilt_azimuth_deg=azimuth_deg)
         alone = mt.simulate(link, FlatSea(), photons=1024, seed=5)

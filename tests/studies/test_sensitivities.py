@@ -360,7 +360,7 @@ def test_wind_in_parts():
 
 @pytest.mark.slow
 def test_range_against_full_searches():
-    s = mt.sensitivities(mt.Link(), FlatSea(), wrt=["water.a"], of="range", photons=2048)
+    s = mt.sensitivities(mt.Link(), FlatSea(), wrt=["water.a"], quantity="range", photons=2048)
     depths = np.arange(52.0, 59.0, 1.0)
     ranges = []
     for factor in (0.98, 1.02):
@@ -376,7 +376,7 @@ def test_range_against_full_searches():
 def test_margin_error_rate_and_fixed_gain_follow_the_gain():
     link, keys = mt.Link().replace("transmitter.depth", 50.0), ("a", "d")
     gain, margin, fixed = (
-        elasticities(link, keys=keys, of=of, ook=ook, photons=1024)
+        elasticities(link, keys=keys, quantity=of, ook=ook, photons=1024)
         for of, ook in (("gain", "physical"), ("margin", "physical"), ("range", None))
     )
     for key in keys:
@@ -388,10 +388,10 @@ def test_margin_error_rate_and_fixed_gain_follow_the_gain():
     assert fixed.derivative("water.a").value == pytest.approx(-a / d * 50.0 / 0.114, rel=1e-9)
     # the receiver's own parameters count, too: 10 % more power is 0.41 dB
     power = mt.sensitivities(
-        link, FlatSea(), wrt=["transmitter.power_mw"], of="margin", photons=256
+        link, FlatSea(), wrt=["transmitter.power_mw"], quantity="margin", photons=256
     )
     assert power.table[0].elasticity == pytest.approx(1.0, rel=1e-9)
-    ber = elasticities(link, keys=("a",), of="ber", photons=1024)
+    ber = elasticities(link, keys=("a",), quantity="ber", photons=1024)
     ook = mt.OokLink.of_link(link)
     rates = [float(ook.ber(ook.received_power(gain.value * f))) for f in (0.99, 1.01)]
     slope = math.log(rates[1] / rates[0]) / math.log(1.01 / 0.99)
@@ -402,13 +402,18 @@ def test_margin_error_rate_and_fixed_gain_follow_the_gain():
 def test_outage_over_common_seas():
     link = mt.Link().replace("transmitter.depth", 55.0)
     s = mt.sensitivities(
-        link, JonswapSea(wind_speed=5.0), wrt=["water.a"], of="outage", realizations=12, photons=256
+        link,
+        JonswapSea(wind_speed=5.0),
+        wrt=["water.a"],
+        quantity="outage",
+        realizations=12,
+        photons=256,
     )
     assert 0.0 < s.value < 1.0
     assert s.table[0].elasticity > 0.0
     assert s.stderr > 0.0
     with pytest.raises(mt.Refused, match="realizations"):
-        mt.sensitivities(link, FlatSea(), wrt=["water.a"], of="outage", photons=64)
+        mt.sensitivities(link, FlatSea(), wrt=["water.a"], quantity="outage", photons=64)
 
 
 def test_averages_over_seas():
@@ -498,7 +503,7 @@ def test_calls_of_the_design():
     link, sea = mt.Link(), FlatSea()
     names = ["water.a", "transmitter.half_angle_deg"]
     s = mt.sensitivities(
-        link, sea, wrt=names, of="gain", realizations=1, photons=64, seed=1, ook="physical",
+        link, sea, wrt=names, quantity="gain", realizations=1, photons=64, seed=1, ook="physical",
         step=None,
     )  # fmt: skip
     for column in (
@@ -510,7 +515,7 @@ def test_calls_of_the_design():
     assert s.predict({"water.a": 0.12}).value < s.value
     over = {"transmitter.half_angle_deg": (3, 30), "receiver.fov_deg": (6, 90)}
     o = mt.optimize(
-        link, sea, over=over, objective="gain", constraints=[], hover_std=(1.0, 1.0), flight=None,
+        link, sea, bounds=over, objective="gain", constraints=[], hover_std=(1.0, 1.0), flight=None,
         realizations=2, photons=64, method="auto", seed=1,
     )  # fmt: skip
     assert isinstance(o.best, mt.Link)
@@ -546,10 +551,10 @@ def test_calls_of_the_design():
             "normals: 'facet', allowed: vertex",
         ),
         (["water.a"], {"realizations": 4}, "1 over a surface of kind flat"),
-        (["water.a"], {"of": "gian"}, "did you mean gain"),
-        (["water.a"], {"of": "ber", "ook": None}, "a transmission, for ber"),
-        (["water.a"], {"of": "range", "bit_rate": 1e8}, "limit: .* that some power reaches"),
-        (["water.a"], {"of": "margin", "bit_rate": 1e8}, "limit: .* that some power reaches"),
+        (["water.a"], {"quantity": "gian"}, "did you mean gain"),
+        (["water.a"], {"quantity": "ber", "ook": None}, "a transmission, for ber"),
+        (["water.a"], {"quantity": "range", "bit_rate": 1e8}, "limit: .* that some power reaches"),
+        (["water.a"], {"quantity": "margin", "bit_rate": 1e8}, "limit: .* that some power reaches"),
     ],
 )
 def test_refusals(wrt, options, message):

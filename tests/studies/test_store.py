@@ -198,7 +198,7 @@ def filled(path):
             if key not in kept:
                 kept.keep(key, numbers, f"text {key}")
                 computed.append(key)
-        found = {key: (kept[key].numbers.tolist(), kept[key].text) for key in ITEMS}
+        found = {key: (kept[key][0].tolist(), kept[key][1]) for key in ITEMS}
     assert found == {key: (value.tolist(), f"text {key}") for key, value in ITEMS.items()}
     return computed
 
@@ -271,7 +271,7 @@ def test_numbers_that_are_none_are_kept(tmp_path):
     with Store(path).loop("numbers", identity) as kept:
         kept.keep((0, 1.5), numbers)
     with Store(path).loop("numbers", identity) as kept:
-        assert kept[0, 1.5].numbers.tobytes() == numbers.tobytes()
+        assert kept[0, 1.5][0].tobytes() == numbers.tobytes()
 
 
 def test_items_before_an_error_stay(sound):
@@ -279,7 +279,7 @@ def test_items_before_an_error_stay(sound):
         kept.keep("a", [1.0])
         raise KeyboardInterrupt
     with Store(sound).loop("more", IDENTITY) as kept:
-        assert kept["a"].numbers.tolist() == [1.0]
+        assert kept["a"][0].tolist() == [1.0]
     assert filled(sound) == []
 
 
@@ -438,7 +438,7 @@ def test_lines_of_right_digests_that_no_study_wrote(changes, tmp_path):
     path.write_bytes(forged())
     store = Store(path, "sweep")
     store.read()
-    assert store._items["x"]["0"].numbers.tolist() == [[1.0, 1.0]]
+    assert store._items["x"]["0"][0].tolist() == [[1.0, 1.0]]
     path.write_bytes(forged(**changes))
     with pytest.raises(
         Refused, match=r"^store: .*a line that no study wrote .*, allowed: one, or a new path"

@@ -176,7 +176,7 @@ def lit_scenario(day):
 @pytest.mark.thorough
 @pytest.mark.slow_but("ber")
 def test_sensitivities_hold_under_the_light_of_the_scenario(of, tmp_path):
-    options = {"of": of, "wrt": ["water.a"], "photons": 256}
+    options = {"quantity": of, "wrt": ["water.a"], "photons": 256}
     dark, day = (mt.sensitivities(lit_scenario(day), **options) for day in (None, DAY))
     seen = mt.background(day_link := lit_scenario(DAY).link, FlatSea(), DAY, photons=2048)
     ook = with_background(mt.OokLink.of_link(day_link, lit_scenario(DAY).detector), seen)
@@ -200,7 +200,7 @@ def test_sensitivities_hold_under_the_light_of_the_scenario(of, tmp_path):
 def test_optima_hold_under_the_light_of_the_scenario():
     over = {"receiver.fov_deg": (10.0, 30.0)}
     options = {"objective": "margin", "realizations": 1, "photons": 64}
-    dark, day = (mt.optimize(lit_scenario(day), over=over, **options) for day in (None, DAY))
+    dark, day = (mt.optimize(lit_scenario(day), bounds=over, **options) for day in (None, DAY))
     assert day.value < dark.value - 1.0  # dB
     assert dark.notes[-1].startswith("background light: none: dark")
     assert day.notes[-1].startswith("background light: daylight at zenith angle 30 deg")
@@ -212,7 +212,7 @@ def test_each_depth_of_a_range_has_its_own_background():
     lit = mt.Scenario.from_toml("wind_speed = 0.0").model_copy(
         update={"link": link, "daylight": DAY}
     )
-    found = mt.sensitivities(lit, of="range", wrt=["water.a"], photons=64)
+    found = mt.sensitivities(lit, quantity="range", wrt=["water.a"], photons=64)
     at = mt.link_performance(
         link.at_depth(found.value), FlatSea(), daylight=DAY, photons=64, realizations=2
     )
@@ -263,7 +263,7 @@ def test_the_background_of_a_flight_has_its_tilts():
     times = [0.0, 0.5, 1.0]
     found = mt.background_series(UP, WAVE, DAY, times, photons=256, flight=FLIGHT)
     level = mt.background_series(UP, WAVE, DAY, times, photons=256)
-    tilt = np.degrees(FLIGHT.uav.simulate_flight(FLIGHT.wind, times, 1).tilt)
+    tilt = np.degrees(FLIGHT.uav.tilt(FLIGHT.wind.simulate_wind(times, 1)))
     for i, time in enumerate(times):
         at = UP.replace("receiver.tilt_deg", float(tilt[0][i]))
         at = at.replace("receiver.tilt_azimuth_deg", float(tilt[1][i]))
@@ -289,7 +289,7 @@ def test_error_rates_of_a_flight_by_day(coupled):
     assert day.at().ber.value > dark.at().ber.value
     # the tilt of the aircraft turns its receiver to another part of the sea
     assert day.ooks[0].background_rate != still.ooks[0].background_rate
-    assert day.light.startswith("daylight at zenith angle 30 deg")
+    assert day.background_light.startswith("daylight at zenith angle 30 deg")
     gimbal = mt.Flight(mt.Uav(gimbal=True), coupled=coupled)
     held = mt.link_performance(UP, sea, daylight=DAY, flight=gimbal, **options)
     if not coupled:  # a gimbal keeps the receiver level over the same seas
@@ -316,8 +316,8 @@ def test_error_rates_of_a_downlink_by_day():
     assert seen.parts["sky"] > 0.0
     assert day.at().ber.value > dark.at().ber.value
     assert day.at().required_power > dark.at().required_power
-    assert day.light.startswith("daylight at zenith angle 30 deg")
-    assert dark.light.startswith("none: dark")
+    assert day.background_light.startswith("daylight at zenith angle 30 deg")
+    assert dark.background_light.startswith("none: dark")
     deeper = mt.link_performance(link, FlatSea(), daylight=DAY, depths=[20.0, 30.0], **options)
     assert len(deeper.figures) == 2
     rates = [mt.background(link.at_depth(d), FlatSea(), DAY, photons=2048).count_rate(made)

@@ -40,7 +40,7 @@ def expected():
     asked = Sweep(Scenario.from_config(LINK).to_toml(), PARAMETERS, 1, None, PHOTONS, 1)
     gain = np.empty((12, 2, 1))
     for task in asked.tasks():
-        gain[task.region] = asked.compute(task).numbers[:, 0]
+        gain[task.region] = asked.compute(task)[0][:, 0]
     return gain
 
 

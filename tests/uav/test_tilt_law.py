@@ -143,7 +143,7 @@ def test_simulated_tilts_follow_the_exact_law_and_not_the_gamma_law():
     """KS at alpha 1e-4; one sample a minute is independent (correlation below 5e-4)."""
     wind = Dryden(wind_speed=5.0, height=5.0)
     exact, gamma = laws("physical", 5)
-    tilt = Uav().simulate_flight(wind, np.arange(100_000) * 60.0, seed=4).tilt.angle
+    tilt = Uav().tilt(wind.simulate_wind(np.arange(100_000) * 60.0, seed=4)).angle
     assert kstest(tilt, exact.cdf).pvalue > 1e-4
     assert kstest(tilt, gamma.cdf).pvalue < 1e-4
 
@@ -157,8 +157,8 @@ def test_gamma_law_of_the_paper_is_close_in_a_sample():
 def test_thinned_record_follows_the_exact_law():
     """A record at 10 Hz, thinned to one sample in 50 s, at alpha 1e-4."""
     wind = Dryden.preset("paper", wind_speed=13.0)
-    record = Uav().simulate_flight(wind, np.arange(1_000_000) * 0.1, seed=21)
-    thinned = record.tilt.angle[::500]
+    tilt = Uav().tilt(wind.simulate_wind(np.arange(1_000_000) * 0.1, seed=21))
+    thinned = tilt.angle[::500]
     assert kstest(thinned, laws("paper", 13)[0].cdf).pvalue > 1e-4
 
 

@@ -50,20 +50,13 @@ def test_wind_at_flight_height_lowers_the_mean_tilt():
         assert at_5m / at_10m == pytest.approx(factor, abs=5e-4)
 
 
-def test_flight_joins_times_wind_and_tilt():
-    flight = Uav().simulate_flight(Dryden(wind_speed=13.0), np.arange(50) * 0.2, seed=3)
-    assert flight.times.shape == flight.tilt.angle.shape == flight.tilt.azimuth.shape == (50,)
-    assert flight.wind.shape == (50, 3)
-    assert flight.tilt.angle == pytest.approx(Uav().tilt(flight.wind).angle)
-
-
 def test_thousand_seconds_scatter_as_the_print():
     """The printed 0.479 and 3.04 degrees lie within the scatter of one 1000 s record."""
     for speed, printed in ((5.0, 0.479), (13.0, 3.04)):
         wind = Dryden.preset("paper", wind_speed=speed)
         times = np.arange(0.0, 1000.0, 0.1)
         found = [
-            math.degrees(Uav().simulate_flight(wind, times, seed=seed).tilt.angle.std())
+            math.degrees(Uav().tilt(wind.simulate_wind(times, seed)).angle.std())
             for seed in range(20)
         ]
         assert abs(np.mean(found) - printed) < 2.0 * np.std(found)

@@ -26,7 +26,7 @@ def test_tornado_bars_are_two_runs():
 
 def test_tornado_of_the_range_is_in_metres():
     link = mt.Link().at_depth(40.0)
-    s = mt.sensitivities(link, FlatSea(), wrt=["water.a"], of="range", ook=None, photons=256)
+    s = mt.sensitivities(link, FlatSea(), wrt=["water.a"], quantity="range", ook=None, photons=256)
     low, high = swings(s, 0.1)[0].change
     # two-sided, and not the derivative: the light falls faster with a deeper lamp
     assert low == pytest.approx(3.0, abs=0.15)
@@ -41,7 +41,7 @@ def test_tornado_of_the_range_is_in_metres():
 
 def test_the_range_of_a_receiver_in_the_water():
     link = mt.Link().mirrored()
-    s = mt.sensitivities(link, FlatSea(), wrt=["water.a"], of="range", ook=None, photons=256)
+    s = mt.sensitivities(link, FlatSea(), wrt=["water.a"], quantity="range", ook=None, photons=256)
     ends = 0.112, 0.116
     (found,) = swings(s, {"water.a": ends})
     expected = [s.predict({"water.a": a}).value - s.value for a in ends]

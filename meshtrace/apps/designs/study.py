@@ -51,7 +51,7 @@ def design(
     *,
     outage: Probability = 0.01,
     limit: ErrorRate = 1e-3,
-    over: Bounds | None = None,
+    bounds: Bounds | None = None,
     realizations: Annotated[int, Field(ge=8, le=100_000)] = 64,
     combining: Combining = "maximal",
     **run: Unpack[StudyOptions],
@@ -73,7 +73,7 @@ def design(
         Share of the time that may fail.
     limit : float
         Largest bit error rate of a working link, before decoding.
-    over : mapping of str to (low, high), optional
+    bounds : mapping of str to (low, high), optional
         Bounds of the best values by key, in place of the default ones.
     realizations : int
         Seas of the figures; links in a separate run have at most 16 of them.
@@ -89,7 +89,7 @@ def design(
     Raises
     ------
     Refused
-        If an option is out of range, or `over` has a key that is not scanned.
+        If an option is out of range, or `bounds` has a key that is not scanned.
 
     Notes
     -----
@@ -128,7 +128,7 @@ def design(
     campaign = campaign_of(scenario, None, "design", run, fading=True, several=False)
     with campaign.workers():
         study = _Study(campaign, outage, limit, realizations, combining)
-        return _page(study, campaign, over)
+        return _page(study, campaign, bounds)
 
 
 def _page(study: _Study, campaign: Campaign, ranges: Bounds | None) -> Design:
@@ -210,7 +210,7 @@ class _Study(LinkModel):
             bounds[COLOUR] = max(low, _COLOURS_NM[0]), min(high, _COLOURS_NM[1])
         elif ranges and COLOUR in ranges:
             self.link.at_wavelength(ranges[COLOUR][0])  # raises `Refused` with the reason
-        require_keys({} if ranges is None else ranges, bounds, "over")
+        require_keys({} if ranges is None else ranges, bounds, "bounds")
         return bounds | checked_bounds(ranges or {})
 
     def scans(self, key: str, bounds: tuple[float, float]) -> list[Scan]:

@@ -31,7 +31,7 @@ OWN = "own"
 
 @cache
 def start_of(name: str) -> Scenario:
-    """Return one of the links to start from, at the time of its answer."""
+    """Return a link to start from, at the time of its answer."""
     return begun_at(Scenario.from_config(STARTS[name]["link"]), STARTS[name]["time"])
 
 
@@ -413,7 +413,7 @@ class State:
 
     @property
     def barred(self) -> dict[str, str]:
-        """Words of the choice of water without values at the wavelength, with their limits."""
+        """Types of water without data at the wavelength, with their limits."""
         nm = self.scenario.link.transmitters[0].wavelength_nm
         limits = {word: WaterType(type=word).limits_nm for word in WATER_TYPES}
         if spectrum := self.initial.link.water.spectrum:

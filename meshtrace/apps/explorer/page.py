@@ -140,7 +140,7 @@ class Page:
         return task
 
     async def _begin_quietly(self) -> None:
-        """Let the sea stand at a quiet time, then answer for the first time."""
+        """Show the sea at a quiet time, then start the first answer."""
         time = self._given.meshing.time
         try:
             time = await asyncio.to_thread(stages.quiet_time, self._given)
@@ -386,7 +386,7 @@ class Page:
             self._resync = self._loop.call_later(_REST, self._send_controls)
 
     def _send_controls(self) -> None:
-        """Resend the unsure controls, and forget those that an accepted value has followed."""
+        """Resend the unsure controls; forget those with an accepted later value."""
         self._resync = None
         self.server.force_state_push(*self._unsure)
         self._unsure = {name: sure for name, sure in self._unsure.items() if not sure}
@@ -486,7 +486,7 @@ class Page:
             self._running = self._loop.create_task(self._run())
 
     async def _run(self) -> None:
-        """Run the sea in real time until paused, over and over the time of the fading series."""
+        """Run the sea in real time until paused, repeating the time of the fading series."""
         loop, session = asyncio.get_running_loop(), self.session
         start = loop.time() - session.state.time
         try:
@@ -581,7 +581,7 @@ def policy(request: web.Request, page: str) -> str:
 
 
 def _is_of(request: web.Request, host: str) -> bool:
-    """Return whether a request names the address of this server."""
+    """Return whether a request is addressed to this server."""
     if request.transport is None:
         return False
     address, port, *_ = request.transport.get_extra_info("sockname")

@@ -31,6 +31,7 @@ from meshtrace.models import Model, modules_of
 from meshtrace.optics import Water
 from meshtrace.scenario import MeshFile, Scenario
 from meshtrace.scenario.parts import daylight_recipe, detector_config
+from meshtrace.studies.neighbours import DECIBELS
 from meshtrace.viz import live, scenes
 
 BER_FLOOR = 1e-15
@@ -108,7 +109,7 @@ def gain_reading(session: Session, running: bool = False) -> dict[str, Any]:
 
 
 def starts() -> list[dict[str, str]]:
-    """Return heading, words, margin and verdict of each of the links to start from."""
+    """Return heading, words, margin and verdict of each link to start from."""
     return [
         {"name": name, "title": start["title"], "words": start["words"],
          "verdict": start["verdict"], "margin": minus(f"{start['margin']:+.1f} dB")}
@@ -148,7 +149,7 @@ def verdict(signal: Signal, series: Fading | None) -> dict[str, str]:
 
 
 def budget(signal: Signal, link: Link) -> list[dict[str, Any]]:
-    """Return the steps from the power of the lamp to the margin: names, texts and ends of bars.
+    """Return names, texts and bars of the budget, from the power of the lamp to the margin.
 
     The ends are percentages of the range of powers; the steps add up.
     """
@@ -165,7 +166,7 @@ def budget(signal: Signal, link: Link) -> list[dict[str, Any]]:
     if link.water.layers is None and lamp_at is not None and lamp_at[2] * lens[2] < 0.0:
         # along the straight line between the ends, its part in the water
         share = -min(lamp_at[2], lens[2]) / abs(lamp_at[2] - lens[2])
-        water = -10.0 / math.log(10.0) * link.water.c * share * math.dist(lamp_at, lens)
+        water = -DECIBELS * link.water.c * share * math.dist(lamp_at, lens)
         steps, rest = [("lost in the water", water)], rest - water
         unscattered = signal.gain.gain_ballistic
         if unscattered is not None and (direct := float(np.ravel(unscattered)[0])) > 0.0:
@@ -348,7 +349,7 @@ def gain_difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> str:
 
 def _error_db(value: float, stderr: float) -> float:
     """Return the standard error of a value in decibels."""
-    return 10.0 / math.log(10.0) * stderr / value
+    return DECIBELS * stderr / value
 
 
 def _digit(error: float) -> str:
@@ -357,7 +358,7 @@ def _digit(error: float) -> str:
 
 
 def differences(before: State, now: State) -> list[str]:
-    """Return the controls in which two states differ, as lines "label: A, B unit"."""
+    """List the controls that differ between two states as lines "label: A, B unit"."""
     a, b = before.settings, now.settings
     lines = []
     for name, control in BY_NAME.items():

@@ -148,7 +148,7 @@ class LiveScene:
             self._changed.add(name)
 
     def _place(self, state: State) -> None:
-        """Take over the link and the sea of a state."""
+        """Adopt the link and the sea of a state."""
         if self._key == (state.moves, state.initial):
             return
         case = state.channel.case()
@@ -167,7 +167,7 @@ class LiveScene:
             self._framed, self._framing = sizes, self._framing + 1
 
     def _on_square(self, stage: Stage) -> Stage:
-        """Return the stage over the present square of the sea if both are of similar size.
+        """Return the stage over the present square of the sea if their sizes are similar.
 
         A move of the link then leaves the surface, most of the data of the scene, as it is.
         """
@@ -191,7 +191,7 @@ class LiveScene:
         return self._made[1]
 
     def _take_sea(self, mesh: TriangleMesh) -> None:
-        """Take over points, normals, edge and facets of a surface, in single precision."""
+        """Send points, normals, edge and facets of a surface, in single precision."""
         self._drawn = mesh
         if self._faces is not mesh.faces.base or self._faces is None:  # grids of a shape share them
             self._faces, self._ring = mesh.faces.base, parts.outline(mesh)[:-1]

@@ -157,5 +157,5 @@ def _report(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
 
 
 def _of_open_browsers(record: logging.LogRecord) -> bool:
-    """Return whether a message is other than a failed write to a closed browser."""
+    """Return False for a message about a failed write to a closed browser."""
     return not (record.exc_info and isinstance(record.exc_info[1], ConnectionResetError))

@@ -188,7 +188,7 @@ def link_margins(
     row: MeasuredRow, photons: float, power_mw: float, divergence: float, radius: float, c: float,
     photons_per_bit: float,
 ) -> float:  # fmt: skip
-    """Return the received photons of a bit over those that a receiver needs [dB]."""
+    """Return the margin of the received photons of a bit over the needed ones [dB]."""
     depth, height, rate = _GEOMETRIES[row.series]
     gain = link_gain(depth, height, divergence, radius, c)
     # photons = energy of a bit over that of a photon of 520 nm

@@ -45,11 +45,10 @@ def light_below(
     return run.planes
 
 
-def attenuation(planes: Planes, first: int, last: int) -> tuple[float, float]:
+def attenuation(planes: Planes) -> tuple[float, float]:
     """Return K = ln(E_d1 / E_d2) / (z2 - z1) and its error, neglecting their correlation."""
-    way = planes.depth[last] - planes.depth[first]
-    e_d, error = planes.e_d[[first, last]], planes.e_d_stderr[[first, last]]
-    return float(np.log(e_d[0] / e_d[1]) / way), float(np.hypot(*(error / e_d)) / way)
+    way, e_d = np.diff(planes.depth)[0], planes.e_d
+    return float(np.log(e_d[0] / e_d[1]) / way), float(np.hypot(*(planes.e_d_stderr / e_d)) / way)
 
 
 def diffuse_attenuation(
@@ -58,7 +57,7 @@ def diffuse_attenuation(
     """Return K_d from the surface to a depth for the series' Jerlov type at `at` nm."""
     a, b = map(float, coefficients(f"jerlov-{row.series}", row.at))
     planes = light_below(a, b, phase, zenith_deg, (_TOP, depth), int(_PHOTONS * photons))
-    return attenuation(planes, 0, 1)
+    return attenuation(planes)
 
 
 def broadband(
@@ -120,7 +119,7 @@ def asymptotic_ratio(
     """Return K / c of diffuse light from `first` to `first` + 5 attenuation lengths."""
     depths = (first, first + 5.0)
     planes = light_below(1.0 - albedo, albedo, phase, -1.0, depths, int(4 * _PHOTONS * photons))
-    return attenuation(planes, 0, 1)
+    return attenuation(planes)
 
 
 _SEAS, _OF_SEA = 8, 16_384  # photons of each sea

@@ -1,4 +1,4 @@
-"""Measurements compared with computed values and their bands: data, the loop over them, the table.
+"""Measurements compared with computed values and their bands: data, comparison, table.
 
 An experiment is a folder in `data`: `experiment.toml` has its texts, its source and the inputs
 that the source does not report, with their ranges; `data.csv` has the printed numbers. Its
@@ -114,7 +114,7 @@ class MeasuredRow(Model, frozen=True):
 
 
 class Experiment(Model, frozen=True):
-    """Experiment: its source, texts, unreported inputs and printed numbers.
+    """Published experiment with its source, unreported inputs and printed numbers.
 
     Parameters
     ----------
