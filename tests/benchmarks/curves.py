@@ -15,7 +15,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from bench import peak_mib
+from clocks import peak_mib
 from rows import cpu, in_child
 
 

@@ -19,8 +19,8 @@ from time import process_time
 from typing import NamedTuple
 
 import numpy as np
-from bench import RayRecorder
 from naive import HAS_OPEN3D, caster, naive_gain
+from works import RayRecorder
 
 import meshtrace as mt
 from meshtrace.engine import bvh

@@ -20,7 +20,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from bench import of_command, peak_mib, timed
+from clocks import of_command, peak_mib, timed
 
 ROOT = Path(__file__).parents[2]
 PARAMETERS = (
@@ -208,8 +208,8 @@ def rays() -> dict[str, Any]:
 
     The limit is that of a plain loop below still water with one raw ray for each photon.
     """
-    from bench import analog_rate
     from throughput import SMOOTH, default_mesh, measure_against_loop
+    from works import analog_rate
 
     import meshtrace as mt
 
@@ -308,7 +308,7 @@ def coverage() -> dict[str, Any]:
 
 def cells() -> dict[str, Any]:
     """Return the CPU seconds of maps at 13 m/s to a tolerance in every cell, and that reached."""
-    from bench import coverage_cost
+    from works import coverage_cost
 
     import meshtrace as mt
     from meshtrace.surfaces import JonswapSea

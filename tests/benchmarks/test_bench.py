@@ -6,19 +6,18 @@ import time
 
 import bench as room
 import pytest
-from bench import (
+import works
+from bench import bench, compare, report
+from clocks import best_of, of_command
+from works import (
     analog_rate,
     background_light,
-    bench,
-    best_of,
-    compare,
     counts_up_to,
     coverage_cost,
     figure_of_merit,
     makespan,
     new_sea,
     realization,
-    report,
     resolved_sea,
     speedup_by_jobs,
     thread_scaling,
@@ -85,8 +84,8 @@ def test_time_on_other_processes_does_not_count():
 def test_ratios_are_those_of_cpu_time(meshes, monkeypatch):
     """Rays that wait for 0.3 s beside milliseconds of work leave the ratio as it is."""
     quiet = analog_rate(LINK, meshes[0], photons=20_000, rounds=2)["ratio"]
-    cast = room.replay
-    monkeypatch.setattr(room, "replay", lambda *work: (time.sleep(0.3), cast(*work)))
+    cast = works.replay
+    monkeypatch.setattr(works, "replay", lambda *work: (time.sleep(0.3), cast(*work)))
     assert analog_rate(LINK, meshes[0], photons=20_000, rounds=2)["ratio"] < 2.0 * quiet
 
 
@@ -225,7 +224,7 @@ def test_timed_processes_start_in_no_hostile_folder(tmp_path, monkeypatch):
     for name in ("json", "numpy", "meshtrace"):
         (tmp_path / f"{name}.py").write_text("raise SystemExit('code of the folder ran')")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    room.of_command("-c", "import meshtrace, numpy, json")
+    of_command("-c", "import meshtrace, numpy, json")
 
 
 def exit_of(capsys, *words):

@@ -5,7 +5,7 @@ The bound is the project's own: a million gains in a second of processor time.
 
 import numpy as np
 import pytest
-from bench import timed
+from clocks import timed
 
 from meshtrace import apps
 

@@ -7,7 +7,7 @@ that the project sets itself.
 from __future__ import annotations
 
 import pytest
-from bench import coverage_cost
+from works import coverage_cost
 
 import meshtrace as mt
 from meshtrace.surfaces import FlatSea, JonswapSea

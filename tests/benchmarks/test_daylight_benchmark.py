@@ -8,7 +8,8 @@ from __future__ import annotations
 import warnings
 
 import pytest
-from bench import background_light, new_sea, timed
+from clocks import timed
+from works import background_light, new_sea
 
 import meshtrace as mt
 from meshtrace.surfaces import JonswapSea

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from bench import timed
+from clocks import timed
 
 import meshtrace as mt
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 from time import perf_counter
 
 import pytest
-from bench import figure_of_merit, new_sea, resolved_sea
 from throughput import peak_memory
+from works import figure_of_merit, new_sea, resolved_sea
 
 import meshtrace as mt
 from meshtrace.engine.setup import ends, meshing

@@ -4,7 +4,7 @@ Run with `pytest tests/benchmarks --benchmark-only` on a quiet machine.
 """
 
 import numpy as np
-from bench import timed
+from clocks import timed
 
 import meshtrace as mt
 from meshtrace.surfaces import resolved_sea

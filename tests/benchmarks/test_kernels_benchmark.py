@@ -8,7 +8,6 @@ of a plain numba loop, flat memory.
 import os
 
 import pytest
-from bench import analog_rate
 from throughput import (
     SMOOTH,
     default_mesh,
@@ -16,6 +15,7 @@ from throughput import (
     measure_against_plain,
     peak_memory,
 )
+from works import analog_rate
 
 import meshtrace as mt
 from meshtrace.engine.photons import analog

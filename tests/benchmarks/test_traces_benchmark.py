@@ -12,7 +12,7 @@ from time import process_time
 from typing import Any
 
 import pytest
-from bench import timed
+from clocks import timed
 
 import meshtrace as mt
 from meshtrace.surfaces import sea_in_wind

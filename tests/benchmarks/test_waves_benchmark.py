@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bench import best_of
+from clocks import best_of
 
 import meshtrace as mt
 from meshtrace import options

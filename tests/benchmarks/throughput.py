@@ -10,7 +10,7 @@ import subprocess
 import sys
 from typing import Any
 
-from bench import best_of, peak_mib
+from clocks import best_of, peak_mib
 from plain_loop import plain_loop
 from plain_tracer import plain_gain
 

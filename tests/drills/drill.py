@@ -53,7 +53,8 @@ def work(plan):
     """Put in some inputs of each kind, and print a line before and after each."""
     import resource  # here: Windows lacks it, and needs the judge of outcomes alone
 
-    import hostile
+    from hostile import KINDS
+    from hostile_parts import LINKS
 
     from meshtrace import parallel
     from meshtrace.surfaces import surface
@@ -66,7 +67,7 @@ def work(plan):
 
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
     if {kind for kind, _, _ in plan} & {"links", "arguments", "commands", "meshes", "origins"}:
-        for base in hostile.LINKS:
+        for base in LINKS:
             warm(base)
     answer(outcome="ready")
     # larger meshes and works are allowed, and take minutes
@@ -76,7 +77,7 @@ def work(plan):
         for kind, i in ((kind, i) for kind, first, last in plan for i in range(first, last)):
             folder = Path(root) / "input"
             folder.mkdir()
-            text, call = hostile.KINDS[kind](Random(f"{SEED}/{kind}/{i}"), folder)
+            text, call = KINDS[kind](Random(f"{SEED}/{kind}/{i}"), folder)
             answer(kind=kind, number=i, input=text)
             faulthandler.dump_traceback_later(0.9 * HANG)  # shows where an input hangs
             answer(kind=kind, number=i, outcome=outcome(call))
@@ -94,13 +95,13 @@ def refuse_long(seconds, work, least=HANG):
 
 def warm(base):
     """Compile the kernels that a link needs."""
-    import hostile
+    from hostile_parts import short
 
     from meshtrace.scenario import Scenario
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        hostile.short(Scenario.from_toml(base))
+        short(Scenario.from_toml(base))
 
 
 class _Worker:

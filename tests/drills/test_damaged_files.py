@@ -14,7 +14,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from hostile import _damage
+from hostile_parts import damage
 
 import meshtrace as mt
 from meshtrace.errors import Refused
@@ -37,7 +37,7 @@ def damages(content, many, name):
     random = Random(name)
     yield from OTHERS
     for _ in range(many):
-        yield _damage(random, content)[0]
+        yield damage(random, content)[0]
 
 
 def results():
@@ -160,7 +160,7 @@ def test_datasets(many, tmp_path):
     )
     write_dataset(sound, path)
     content = path.read_bytes()
-    for content in [_damage(Random(f"datasets {i}"), content)[0] for i in range(many)]:
+    for content in [damage(Random(f"datasets {i}"), content)[0] for i in range(many)]:
         path.write_bytes(content)
         try:
             found = read_dataset(path)

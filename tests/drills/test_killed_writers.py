@@ -233,12 +233,12 @@ def test_killed_figures(kills, tmp_path):
 
 def test_killed_stores(tmp_path):
     """A store that was killed is none, or goes on; all its gains are those of a whole one."""
-    from hostile import _sweep
+    from hostile_own_files import swept
 
     folder = tmp_path / "stores"
 
     def write():
-        return np.asarray(_sweep(folder / "one.store", 3e-5)["gain"])
+        return np.asarray(swept(folder / "one.store", 3e-5)["gain"])
 
     folder.mkdir()
     for n in range(1, killed_at_write(write, folder, None) + 1):

@@ -3,7 +3,7 @@
 import tomllib
 
 import tomli_w
-from drills.hostile import places
+from drills.hostile_parts import places
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -10,6 +10,9 @@ Read `sampling` (chains from uniform numbers), `sets` (which orders, and their S
 (crossings and weights over one surface, by `engine.crossing`) and `aimed`, which drives all kernels
 of one surface. Unscattered light needs no samples: `unscattered` has the images of smooth facets,
 `microfacets`, `pencils` and `random_slopes` have the spots of facets with random slopes (Walter and
-others 2007), `cells` and `maps` both for the cells of a map. `wave_sum` is the limit of ever finer
-meshes, from which the error of a mesh follows.
+others 2007, doi:10.2312/EGWR/EGSR07/195-206), `cells` and `maps` both for the cells of a map.
+`wave_sum` is the limit of ever finer meshes, from which the error of a mesh follows.
+
+Each way in which a surface sends light on is a file of kernels; `sets`, `aimed` and `maps`, which
+draw and call, are plain Python.
 """

@@ -9,5 +9,9 @@ logarithm of its weight changes by sums over the path,
 
     ln(w_j / w) = sum_k ln(b_j p_j / b p) - int (c_j - c) dl
 
-(`kernels.tints`). Read `arrays` first: what it returns is what every kernel reads.
+(`kernels.tints`). Read `arrays` first: what it returns is what every kernel reads. Then `options`
+and `meshing`, which all estimators take, and `ends`, for those that aim.
+
+Models are checked here once, so that kernels check nothing; a file holds what changes for one
+reason: another source or aperture, another way to mesh, another option.
 """
