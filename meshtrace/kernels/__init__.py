@@ -1,4 +1,4 @@
-"""What all tracers share as compiled functions: vectors, random numbers, medium, facets, scene.
+"""Compiled functions that all tracers share: vectors, random numbers, medium, facets, scene.
 
 "Array twin" in the docstring of a kernel names the plain or independent code that it is checked
 against, mostly in the tests; "Why so" gives the reason for a kernel that is less plain than its
@@ -13,7 +13,7 @@ from meshtrace.errors import Refused
 
 
 def _import_numba() -> None:
-    """Import numba with its errors about the environment as short messages.
+    """Import numba, and shorten its errors and warnings about the environment.
 
     Raises
     ------

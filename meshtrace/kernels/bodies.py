@@ -1,4 +1,4 @@
-"""Bodies beside the sea: the facet that light meets, and how it is reflected."""
+"""Bodies in the water and the air: the facets that light meets, and how they reflect it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from meshtrace.kernels.vectors import along, dot, minus, row, scaled, turn
 
 
 class BodyArrays(NamedTuple):
-    """Facets of all bodies of a link, which both sides of reflect."""
+    """Facets of all bodies of a link; both sides reflect."""
 
     vertices: NDArray[np.float64]  # (n, 3) [m]
     faces: NDArray[np.int32]  # (m, 3)
@@ -56,7 +56,7 @@ def is_hidden(p, d, length, bodies):
 
 @inlined
 def normal_facing(d, facet, bodies):
-    """Return the normal of a facet on the side that light along d comes from."""
+    """Return the normal of a facet that faces light along d."""
     n = row(bodies.face_normals, facet)
     return scaled(-1.0, n) if dot(d, n) > 0.0 else n
 
@@ -66,7 +66,7 @@ _OFFSET = 1e-5  # distance of reflected light from its facet, over 1 + its large
 
 @inlined
 def reflected(p, d, facet, u_cos, u_phi, bodies):
-    """Return place and direction of light that a facet reflects on the side that it came from.
+    """Return origin and direction of light along d after reflection by a facet.
 
     Array twin: cos theta = sqrt(u), or the law of reflection.
     """

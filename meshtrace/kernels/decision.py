@@ -17,7 +17,7 @@ _SURE = 1e-6  # last step of Newton's method, over an interval of the grid
 
 @inlined
 def _errors(mean, std, is_one, threshold, most):
-    """Return twice the sum of the error rates of all patterns; above `most` a part of the sum."""
+    """Sum twice the error rates of all patterns, up to the first sum above `most`."""
     total = 0.0
     for j in range(len(mean)):
         # a one is missed with the probability Q((mean - threshold) / std) = erfc(margin) / 2
@@ -30,7 +30,7 @@ def _errors(mean, std, is_one, threshold, most):
 
 @inlined
 def _slopes(mean, std, is_one, threshold):
-    """Return both derivatives of the error rates by the threshold, times one positive constant."""
+    """Return the first two derivatives of the sum of error rates, times one positive constant."""
     first, second = 0.0, 0.0
     for j in range(len(mean)):
         # d/dt Q((mean - t) / std) ~ exp(-u^2 / 2) / std, without 1 / sqrt(2 pi)
@@ -44,7 +44,7 @@ def _slopes(mean, std, is_one, threshold):
 
 @inlined
 def _between(mean, std, is_one):
-    """Return the lowest and the highest threshold, and the one between the mean levels.
+    """Return the lowest and highest threshold to search, and a guess between the mean levels.
 
     Mean levels m0 of the zeros and m1 of the ones, with their mean standard deviations s0 and s1.
     """
@@ -66,7 +66,7 @@ def _between(mean, std, is_one):
 
 @entry
 def best_thresholds(mean, std, is_one, ber, threshold):
-    """Write the best thresholds and their error rates.
+    """Find the thresholds with the lowest error rates, and these rates.
 
     Array twin: `test_pattern_decision_against_a_fine_scan` in `tests/comms/test_ook_ber.py`.
     Why so: a required power takes ten decisions between 128 patterns. The grid is searched outwards

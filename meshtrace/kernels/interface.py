@@ -242,7 +242,7 @@ def over_gaussian(series, a, c):
 
 @outlined
 def _tilt_of_series(d, n, u, v, roughness):
-    """Return random slopes along x and y, of a series, that light along d meets on a normal n.
+    """Draw slopes along x and y from a Gram-Charlier series, as light along d meets them on n.
 
     Array twin: chi-square in `tests/kernels/test_kernels_series.py`.
     Rejection from a wider Gaussian: slopes t and -t are proposed as a pair, accepted by the sum of
@@ -276,7 +276,7 @@ def _tilt_of_series(d, n, u, v, roughness):
 
 @inlined
 def drawn_tilt(roughness, u, v):
-    """Return random slopes along x and y, as seen from above, from two uniforms."""
+    """Draw slopes along x and y as seen from above, from two uniforms."""
     if roughness.series.most > 0.0:
         # straight up on level water every slope has the exposure 1
         return _tilt_of_series(UP, UP, u, v, roughness)
@@ -323,7 +323,7 @@ def takes_slopes(g, roughness):
 
 @outlined
 def roughened(d, n, u, v, w, roughness):
-    """Return a normal tilted by the slopes that the mesh leaves out, from three uniforms.
+    """Return a normal tilted by random unresolved slopes, from three uniforms.
 
     Array twin: the flux over both sides in `tests/engine/chains/test_unresolved_slopes.py`.
     Gaussian slopes t and -t are equally frequent: one of the two is taken, with probabilities of
@@ -512,7 +512,7 @@ def branches(d, n, g, n1, n2, interface):
 
 @entry
 def split_rays(directions, normals, facet_normals, u, roughness, n, rho, mirrored, refracted):
-    """Write reflectance and both directions of rays from the air, at normals tilted by slopes.
+    """Write reflectance, reflected and refracted directions of rays that reach the sea from above.
 
     Array twin: `meshtrace.optics.fresnel`.
     `directions`, upward `normals` and `facet_normals`, and the uniforms `u` are (rays, 3); n is the

@@ -43,7 +43,7 @@ class _NoEnvironments:
 
 
 class _Lowered(codegen.JITCodeLibrary):
-    """Code that is not optimised function by function, but as a whole."""
+    """Code that is optimised as a whole rather than function by function."""
 
     def add_llvm_module(self, ll_module: Any) -> None:
         """Add a module as it is, where numba would optimise it first."""
@@ -153,7 +153,7 @@ def _modules(libraries: list[Any]) -> list[Any]:
 
 
 class _Values:
-    """Arguments as the values that they are, where numba passes their scalars one by one."""
+    """Packer that passes arguments as they are, where numba passes their scalars one by one."""
 
     def __init__(self, context: Any, argtypes: Any) -> None:
         self.argument_types = [context.get_value_type(argtype) for argtype in argtypes]
@@ -211,7 +211,7 @@ class _Context(CPUContext):
 
 
 class _Lower(lowering.Lower):
-    """Lowering of kernels, to little code."""
+    """Lowering of kernels to less code than numba's own."""
 
     def setup_function(self, fndesc: Any) -> None:
         """Declare the function."""

@@ -63,39 +63,29 @@ def sample_s(tables: PhaseTables, u: float) -> float:
     return min(s + (x - i) * (tables.nodes[i + 2] - s), 1.0)
 
 
-SMALLEST_ANGLE = 1e-13  # [rad], first edge of the tables over the logarithm of the angle
+SMALLEST_ANGLE = 1e-13
+"""First edge of tables over the logarithm of the scattering angle [rad]."""
 
+LOG_SMALLEST = math.log(SMALLEST_ANGLE)
+_LOG_SPAN = math.log(math.pi) - LOG_SMALLEST
+ANGLE_CELLS = math.ceil(200.0 * _LOG_SPAN)
+"""Cells of a phase function, equally wide in ln(theta): at most 0.5 % of the angle."""
 
-class AngleTable(NamedTuple):
-    """A phase function on cells of equal width in ln(theta).
-
-    Parameters
-    ----------
-    log_first, per_log : float
-        ln of the first edge, and cells per unit of ln(theta).
-    edge : ndarray, shape (n + 1,)
-        Edges [rad]; the last is pi. Below the first the value is that of the first cell.
-    beta : ndarray, shape (n,)
-        Mean of each cell over solid angle [sr-1].
-    """
-
-    log_first: float
-    per_log: float
-    edge: NDArray[np.float64]
-    beta: NDArray[np.float64]
+CELLS_PER_LOG = ANGLE_CELLS / _LOG_SPAN
 
 
 @inlined
-def phase_at(table, theta):
+def phase_at(beta, theta):
     """Return the phase function [sr-1] at an angle theta [rad].
 
     Array twin: `PhaseFunction.pdf`, averaged over cells.
+    `beta` (`ANGLE_CELLS`,) has the means of the cells; below the first edge the first one holds.
     """
-    if theta <= table.edge[0]:
-        return table.beta[0]
+    if theta <= SMALLEST_ANGLE:
+        return beta[0]
     # Rounding may step over the last edge, pi.
-    j = int((math.log(theta) - table.log_first) * table.per_log)
-    return table.beta[min(max(j, 0), len(table.beta) - 1)]
+    j = int((math.log(theta) - LOG_SMALLEST) * CELLS_PER_LOG)
+    return beta[min(max(j, 0), ANGLE_CELLS - 1)]
 
 
 class DepthMode(IntEnum):
@@ -178,7 +168,7 @@ def lookup(table, position):
 
 @inlined
 def local_elevation(medium, p):
-    """Return the height of the surface from which the depth of a point counts, by the rasters.
+    """Return the elevation of the surface that the depth of a point is measured from.
 
     Array twin: scipy.interpolate.RegularGridInterpolator.
     Where the sea overhangs that is the lowest surface on the vertical for a point under the jet,

@@ -1,4 +1,4 @@
-"""Facets that rays meet: by the C interface of Embree, on the grid of a height field, in bins.
+"""First facets along rays: by the C interface of Embree, on the grid of a height field, in bins.
 
 `first_facet` casts a ray by Embree, or by a function with its signature. `grid_facet` looks up the
 facet that steep light meets on a height field over a grid without ray casting: a ray that climbs or
@@ -72,7 +72,7 @@ _call: Any = _plain_call if config.DISABLE_JIT else _compiled_call
 
 @inlined
 def _prepare(ray, word):
-    """Write all that Embree reads of a ray but its origin and direction."""
+    """Reset a ray of Embree, apart from its origin and direction."""
     # Embree writes its answer over some of these words: they are set before every ray.
     ray[Word.NEAR.value] = ray[Word.TIME.value] = 0.0
     ray[Word.FAR.value] = _FAR
@@ -223,6 +223,12 @@ def _is_cut(p, d, first, last, surface, grid):
 UNKNOWN = np.int64(-2)
 """Answer of `grid_facet` for a ray that must be cast."""
 
+ROUNDING = 128 * 2.0**-24
+"""Margin about edges of facets, relative to coordinates: 128 times the rounding of a float32.
+
+Inside of it the single precision of Embree may choose either facet.
+"""
+
 _STEPS = 8  # cells visited at most: steep light needs two or three, other rays are cast
 
 
@@ -242,7 +248,6 @@ class Grid(NamedTuple):
     y: Axis
     level: float  # height of the first guess, between lowest and highest vertex [m]
     steep: float  # least (dz / dxy)^2 of a ray that is answered
-    rounding: float  # relative rounding error of a coordinate in single precision
     height: float  # range of the heights plus the largest |z|, for the rounding of z [m]
     clear: float  # least distance to the facet: a ray must not meet the one that it leaves [m]
     flat: bool  # whether all heights are the level
@@ -306,8 +311,7 @@ def grid_facet(grid, vertices, p, d):
         inside = min(min(u, 1.0 - u), min(v, 1.0 - v))
         inside = min(inside, u - v if below_diagonal else v - u)
         # `inside` is the least distance to an edge of the triangle in cells, negative outside.
-        # Within rounding of an edge single precision may choose either facet: left to Embree.
-        margin = grid.rounding * (abs(x) + abs(y) + grid.height) * max(per_x, per_y)
+        margin = ROUNDING * (abs(x) + abs(y) + grid.height) * max(per_x, per_y)
         if inside > margin:
             facet = 2 * (corner - i) + np.int64(u <= v)
             return facet if t > grid.clear else UNKNOWN

@@ -1,4 +1,4 @@
-"""One source, one surface and one aperture, and the bins by which the facet at (x, y) is looked up.
+"""Scene of one source, one surface and one aperture, with bins to find the facet at (x, y).
 
 Lengths are in the unit of the local frame of a link, `Link.unit`, called m here; z is up from still
 water.
@@ -151,7 +151,7 @@ def bins_near(x, y, radius, grid):
 
 @inlined
 def is_first_bin(i, j, i0, j0, f, surface, grid):
-    """Return whether bin (i, j) is the first that lists facet f, in a search from bin (i0, j0)."""
+    """Return whether a search from bin (i0, j0) meets facet f for the first time in bin (i, j)."""
     a, b, c = corners(surface.vertices, f, surface.faces)
     # A facet is listed in all bins that its bounding box touches, and is to count once.
     fi = _bin_of(min(a.x, b.x, c.x), grid.x, grid.step, grid.nx)

@@ -63,7 +63,7 @@ class Sources(NamedTuple):
 
 @inlined
 def intensity(emitter, w):
-    """Return the intensity [sr-1] that an `Emitter` of unit power sends along a unit vector w.
+    """Return the intensity [sr-1] of an `Emitter` of unit power along a unit vector w.
 
     Array twin: `Led` (m + 1) / (2 pi) cos^m, integrated to 1 in the tests.
     """
@@ -259,7 +259,7 @@ class Sky(NamedTuple):
 
 
 class Backward(NamedTuple):
-    """Start of backward photons at a receiver, and the light that they meet."""
+    """Rays of backward photons from a receiver, and the daylight that they collect."""
 
     origin: NDArray[np.float64]  # (photons, 3), empty for photons that start at the sources
     direction: NDArray[np.float64]  # (photons, 3), against the travel of the light
@@ -312,7 +312,7 @@ def launch_back(back, seed, photon):
 
 @outlined
 def sunlight(back, medium: Medium, p, d, weight):
-    """Return the expected sunlight that a tentative collision at p scatters into a path.
+    """Return the sunlight expected to be scattered into a path at a tentative collision at p.
 
     By the water and by bubbles [W m-2 sr-1 nm-1]. d is the direction of the backward photon before
     the collision, so that its angle to the sun is that of the scattering.
@@ -354,7 +354,7 @@ def radiance(sky, direction):
 
 @entry
 def land_sunlight(z, zx, zy, corner, spacing, sun, n, c, depth, cells, cell, landed):
-    """Add the unscattered sunlight that a sea surface refracts to the cells of a level plane.
+    """Add the unscattered sunlight refracted by a sea surface to the cells of a level plane.
 
     Array twin: `refracted` in `tests/apps/test_irradiance.py`.
     Why so: one pass over the points, of 70 operations each, in place of forty arrays.
@@ -432,7 +432,7 @@ class Beams(NamedTuple):
 
 @entry
 def add_upwelling(directions, beams, toward, scattered, radiances):
-    """Add the radiance below the surface that travels up along directions.
+    """Add the upwelling radiance just below the surface along directions.
 
     Array twin: `scattered_once` in `tests/daylight/test_background_air.py`.
     Why so: 281 beams have 15 slants, and the phase functions of all wavelengths are

@@ -250,7 +250,7 @@ def _part_of(q, same_side):
 
 @inlined
 def keep_arrival(store, photon, receiver, weight, tints, log_weights):
-    """Append a record of the light of a path; return its index, -1 if there is no room.
+    """Append a record of arriving light; return its index, -1 if there is no room.
 
     Array twin: none.
     `store` is anything with the fields `arrivals` and `n_arrivals`.

@@ -21,10 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshtrace.kernels.jit import entry, inlined, outlined
-from meshtrace.kernels.medium import SMALLEST_ANGLE, lookup, mean_between
+from meshtrace.kernels.medium import LOG_SMALLEST, SMALLEST_ANGLE, lookup, mean_between
 
 TINTS = 12
 """Largest number of common functions that a path sums up."""
+
+TINT_CELLS_PER_LOG = 50.0
+"""Cells of the phase functions per unit of ln(theta), from `SMALLEST_ANGLE` on: 2 % wide each."""
 
 
 class Tints(NamedTuple):
@@ -42,8 +45,6 @@ class Tints(NamedTuple):
     phase: NDArray[np.float64]  # (tints, cells) logarithm of the phase function over the base's
     bubble_c: NDArray[np.float64]  # (tints,) excess attenuation by bubbles, over the base's
     bubble: NDArray[np.float64]  # (tints, cells) logarithm of b p of the bubbles
-    log_first: float  # logarithm of the angle [rad] at which the cells of `phase` start
-    per_log: float  # cells over a unit of the logarithm
 
 
 NO_TINTS = None
@@ -98,8 +99,8 @@ def tint_scattering(tints, log_weights, z, theta, by_bubble):
     if tints is not None:
         j, cells = 0, tints.phase.shape[1]
         if cells > 1:
-            j = int((math.log(max(theta, SMALLEST_ANGLE)) - tints.log_first) * tints.per_log)
-            j = min(max(j, 0), cells - 1)
+            log = math.log(max(theta, SMALLEST_ANGLE))
+            j = min(max(int((log - LOG_SMALLEST) * TINT_CELLS_PER_LOG), 0), cells - 1)
         for r in range(len(tints.c)):
             if by_bubble:
                 log_weights[r] += tints.bubble[r, j]

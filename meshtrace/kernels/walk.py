@@ -1,4 +1,4 @@
-"""Rays over the bins of a mesh, where no Embree is: the first facet by double precision.
+"""First facets along rays without Embree, by walking over the bins of a mesh.
 
 A ray passes the columns of square bins over (x, y) in turn (Amanatides and Woo 1987), and is
 compared with the facets of each. The bins of a height field are as fine as its grid.
@@ -65,7 +65,7 @@ def packed(
 
 @register_jitable
 def _between(s, p, d):
-    """Return the part of a ray in the box about a mesh, as its first and last distance."""
+    """Return the first and the last distance of a ray inside the bounding box of a mesh."""
     width, height = s[Place.NX.value] * s[Place.STEP.value], s[Place.NY.value] * s[Place.STEP.value]
     # a hair beyond the heights: the box of a flat sea has none
     hair = 1e-9 * s[Place.STEP.value]
@@ -83,7 +83,7 @@ def _between(s, p, d):
 
 @register_jitable
 def _distance(s, facet, p, d):
-    """Return the distance of a facet along a ray, in lengths of its direction; inf beside it."""
+    """Return the distance of a facet along a ray, in lengths of its direction; inf for a miss."""
     face, vertices = int(s[Place.FACES.value]) + 3 * facet, int(s[Place.VERTICES.value])
     a, b = vertices + 3 * int(s[face]), vertices + 3 * int(s[face + 1])
     c = vertices + 3 * int(s[face + 2])

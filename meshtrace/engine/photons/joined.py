@@ -29,7 +29,7 @@ from meshtrace.engine.setup.options import BLOCK
 from meshtrace.engine.setup.tinting import UNTINTED, Tinting
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels.interface import MeshArrays
-from meshtrace.kernels.medium import Absorption, AngleTable
+from meshtrace.kernels.medium import Absorption
 from meshtrace.kernels.rays import NO_BVH
 from meshtrace.kernels.scene import FACET, Emitter, Locator, Target, facet_summary
 from meshtrace.kernels.sources import SourceKind, Sources
@@ -453,13 +453,15 @@ class _Run(NamedTuple):
     first: list[int]  # by target, number of the crossing from which on light is scored
 
 
-def _remaining_importance(phase: AngleTable, n: float, spread: float) -> float:
+def _remaining_importance(phase: Floats, n: float, spread: float) -> float:
     """Return the mean share of its importance that light keeps at a collision.
 
-    `spread` is the standard deviation of the slopes, n the index of water over that of air.
+    `phase` is that of `arrays.angle_table`, `spread` the standard deviation of the slopes, n the
+    index of water over that of air.
     """
-    theta = 0.5 * (phase.edge[1:] + phase.edge[:-1])
-    scattered = 2.0 * math.pi * phase.beta * np.sin(theta) * np.diff(phase.edge)
+    edge = arrays.angle_edges()
+    theta = 0.5 * (edge[1:] + edge[:-1])
+    scattered = 2.0 * math.pi * phase * np.sin(theta) * np.diff(edge)
     # Squared slope over its variance that bends light back after a turn by theta: by Snell's law
     # for small angles a slope s turns refracted light by (n - 1) s, the collision by n theta.
     bend = (n * theta / ((n - 1.0) * spread)) ** 2

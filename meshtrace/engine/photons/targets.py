@@ -21,7 +21,7 @@ from meshtrace.kernels import interface
 from meshtrace.kernels.bodies import BodyArrays, normal_facing
 from meshtrace.kernels.interface import Interface, MeshArrays
 from meshtrace.kernels.jit import inlined, outlined, record_type
-from meshtrace.kernels.medium import AngleTable, Medium, phase_at, scattering_coefficients
+from meshtrace.kernels.medium import Medium, phase_at, scattering_coefficients
 from meshtrace.kernels.rays import Bvh, Grid, facet_over
 from meshtrace.kernels.scene import Emitter, Locator, Scene, Target, height_on, locate
 from meshtrace.kernels.sources import Sources
@@ -121,8 +121,8 @@ class Joins(NamedTuple):
     guide: NDArray[np.void]  # (m,) TARGET, those to which directions are guided: all, or some
     first: int  # least of the targets' `first`
     direct: bool  # score unscattered light, too
-    water: AngleTable  # phase function of the water [sr-1]
-    bubble: AngleTable  # of the bubbles
+    water: NDArray[np.float64]  # phase function of the water [sr-1], see `phase_at`
+    bubble: NDArray[np.float64]  # and of the bubbles
     locator: Locator  # of a mesh that is no grid
     facets: NDArray[np.void]  # FACET; none but for smooth waves
     spread: float  # standard deviation of the slopes by which crossings are drawn

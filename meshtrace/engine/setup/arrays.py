@@ -21,8 +21,15 @@ import numpy as np
 from meshtrace.engine.bvh import Hits, Intersector
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels import interface, tables
-from meshtrace.kernels.medium import SMALLEST_ANGLE, Absorption, AngleTable, DepthMode, Medium
-from meshtrace.kernels.rays import Axis, Grid
+from meshtrace.kernels.medium import (
+    ANGLE_CELLS,
+    CELLS_PER_LOG,
+    LOG_SMALLEST,
+    Absorption,
+    DepthMode,
+    Medium,
+)
+from meshtrace.kernels.rays import ROUNDING, Axis, Grid
 from meshtrace.kernels.scene import Locator, Target, count_bins, fill_bins
 from meshtrace.kernels.sources import SourceKind, Sources
 from meshtrace.kernels.tally import Apertures
@@ -101,13 +108,6 @@ def frame_of(link: Link) -> Frame:
 
 
 _LAYER_NODES = 2049  # depths in the tables of layered water; tuned
-_CELLS_PER_LOG = 200.0  # cells per unit of ln(theta), theta the scattering angle: 0.5 % wide each
-
-_ROUNDING = 128 * 2.0**-24
-"""Margin about edges of facets, relative to coordinates: 128 times the rounding of a float32.
-
-Inside of it the single precision of Embree may choose either facet.
-"""
 
 # Rays that the grid answers without Embree: their slope |dz| / horizontal distance is at least
 # twice that of the steepest facet, and at least 0.2.
@@ -116,7 +116,7 @@ _SLOPES, _LEAST_STEEP = 2.0, 0.2
 _MOST_BINS = 2**17
 
 _NONE = Axis(np.zeros(0), np.zeros(0), np.zeros(0, np.int64), 0.0)
-NO_GRID = Grid(_NONE, _NONE, 0.0, np.inf, 0.0, 0.0, 0.0, False)
+NO_GRID = Grid(_NONE, _NONE, 0.0, np.inf, 0.0, 0.0, False)
 """Grid without cells, which leaves every ray to Embree."""
 NO_BINS = Locator(0.0, 0.0, 1.0, 0, 0, np.zeros(1, np.int64), np.zeros(0, np.int32))
 """Bins of no facets, for a flat sea."""
@@ -417,8 +417,8 @@ _recent_bins: deque[Any] = deque(maxlen=2)
 
 
 @lru_cache(maxsize=32)
-def angle_table(phase: PhaseFunction) -> AngleTable:
-    """Tabulate a phase function over the scattering angle.
+def angle_table(phase: PhaseFunction) -> Floats:
+    """Tabulate a phase function [sr-1] over the scattering angle, for `kernels.medium.phase_at`.
 
     Parameters
     ----------
@@ -430,18 +430,20 @@ def angle_table(phase: PhaseFunction) -> AngleTable:
     A cell holds the mean over its solid angle, by 4 Gauss points in theta; its edges are 0.5 %
     apart.
     """
-    log_first = math.log(SMALLEST_ANGLE)
-    cells = math.ceil((math.log(math.pi) - log_first) * _CELLS_PER_LOG)
-    per_log = cells / (math.log(math.pi) - log_first)
-    edge = np.exp(log_first + np.arange(cells + 1) / per_log)
-    # exactly pi, which rounding may miss: every angle has a cell
-    edge[-1] = math.pi
+    edge = angle_edges()
     node, weight = gauss_legendre(4)
     half = 0.5 * np.diff(edge)[:, None]
     theta = edge[:-1, None] + half * (1.0 + node)
     solid_angle = weight * np.sin(theta)  # up to a factor for each cell
-    beta = (phase.pdf(theta) * solid_angle).sum(axis=1) / solid_angle.sum(axis=1)
-    return AngleTable(log_first, per_log, edge, beta)
+    return (phase.pdf(theta) * solid_angle).sum(axis=1) / solid_angle.sum(axis=1)
+
+
+def angle_edges() -> Floats:
+    """Return the edges [rad] of the cells of `angle_table`."""
+    edge = np.exp(LOG_SMALLEST + np.arange(ANGLE_CELLS + 1) / CELLS_PER_LOG)
+    # exactly pi, which rounding may miss: every angle has a cell
+    edge[-1] = math.pi
+    return edge
 
 
 def grid_shape(mesh: TriangleMesh) -> tuple[int, int] | None:
@@ -478,9 +480,8 @@ def grid_arrays(mesh: TriangleMesh) -> Grid:
         along_y,
         level=float(0.5 * (low[2] + high[2])),
         steep=max(_SLOPES * mesh.max_slope, _LEAST_STEEP) ** 2,
-        rounding=_ROUNDING,
         height=float(high[2] - low[2] + max(high[2], -low[2])),  # see `Grid`
-        clear=_ROUNDING * float(np.abs(mesh.bounds).max()),
+        clear=ROUNDING * float(np.abs(mesh.bounds).max()),
         flat=bool(low[2] == high[2]),
     )
 

@@ -14,14 +14,21 @@ from typing import NamedTuple
 import numpy as np
 
 from meshtrace.engine.setup.arrays import Frame, frame_of, integral, mean_water
-from meshtrace.kernels.medium import SMALLEST_ANGLE
-from meshtrace.kernels.tints import ALONE, NO_TINTS, TINTS, Mixture, Tints, common_functions
+from meshtrace.kernels.medium import LOG_SMALLEST
+from meshtrace.kernels.tints import (
+    ALONE,
+    NO_TINTS,
+    TINT_CELLS_PER_LOG,
+    TINTS,
+    Mixture,
+    Tints,
+    common_functions,
+)
 from meshtrace.link import Link
 from meshtrace.link.link import FEW_METRES
 from meshtrace.models import Floats
 
 _NODES = 2049  # depths in the tables of layered water; tuned
-_PER_LOG = 50.0  # cells per unit of ln(theta), theta the scattering angle: 2 % wide each
 _LEAST_LOG = -700.0  # stands for ln 0: exp(-700) is close to the smallest normal float
 _PATHS_AT_ONCE = 512  # paths whose factors are computed at a time, in the cache; tuned
 _MOST_ERROR = 1e-6  # of a logarithm of weights: for a scattering, and for the whole optical path
@@ -189,8 +196,8 @@ def tinting(
     grid = np.linspace(0.0, max(deepest, 1e-3), _NODES) if deepest else np.array([0.0, 1.0])
     profiles = [np.broadcast_arrays(*link.water.profile(grid)) for link in (base, *links)]
     waters = np.array(profiles).swapaxes(0, 1)  # (a and b, 1 + links, nodes)
-    edges = np.exp(np.arange(math.log(SMALLEST_ANGLE), math.log(math.pi), 1.0 / _PER_LOG))
-    middle = np.minimum(edges * math.exp(0.5 / _PER_LOG), math.pi)
+    edges = np.exp(np.arange(LOG_SMALLEST, math.log(math.pi), 1.0 / TINT_CELLS_PER_LOG))
+    middle = np.minimum(edges * math.exp(0.5 / TINT_CELLS_PER_LOG), math.pi)
     # with a phase function common to all, the ratio is 1 at every angle: one cell suffices
     phases = np.ones((len(links) + 1, 1))
     if any(link.water.phase != base.water.phase for link in links):
@@ -220,8 +227,7 @@ def tinting(
     phase, bubble = (np.broadcast_to(x, (len(x), cells)).copy() for x in (phase, bubble))
     step = float(grid[1]) / frame.unit
     c = c * (frame.unit / deep)  # back to an attenuation, per unit of the frame
-    tints = Tints(step, c.copy(), integral(c, step), b.copy(), phase, extra[:, 0].copy(), bubble,
-                  math.log(SMALLEST_ANGLE), _PER_LOG)  # fmt: skip
+    tints = Tints(step, c.copy(), integral(c, step), b.copy(), phase, extra[:, 0].copy(), bubble)
     return Tinting(tints, shares, tuple(bases), density)
 
 
