@@ -39,7 +39,6 @@ from typing import Any
 import llvmlite
 import numba
 import numpy as np
-from numba import njit
 from numba.core import ccallback, dispatcher
 from numba.core.caching import FunctionCache
 from numba.core.compiler import CompileResult
@@ -50,18 +49,9 @@ from numba.core.serialize import dumps
 from meshtrace.files import atomic, cache_directory, foreign_hand, make_private
 from meshtrace.kernels import linker
 
-config: Any = numba.config  # numba's stubs lack its fields
-
-# Options of functions below the entry points: IEEE arithmetic, no counting, no wrappers for Python.
-_bare: dict[str, Any] = {
-    # Division by 0 gives inf or nan: Python's test for 0 costs a branch, and forbids vector code.
-    "error_model": "numpy",
-    "_nrt": False,
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-}
-if linker.LINKED:
-    _bare["pipeline_class"] = linker.PartCompiler
+# numba's stubs lack fields of its settings, and options of its decorator
+config: Any = numba.config
+njit: Any = numba.njit
 
 ZERO, ONE = np.int64(0), np.int64(1)
 """Numbers to pass to kernels: a literal has another type, for which numba would compile again."""
@@ -144,7 +134,7 @@ class KernelCache(FunctionCache):
 
     @contextlib.contextmanager
     def turn(self, sig: Any, target_context: Any) -> Iterator[None]:
-        """Hold the right to compile the overload of a signature; wait while another process does.
+        """Hold the right to compile an overload; wait while another process compiles it.
 
         A process that ends in any way frees its lock. One that is stopped holds it: after
         `_LONGEST_WAIT` both compile, and the file of the last one stays.
@@ -208,7 +198,8 @@ class KernelCache(FunctionCache):
             with atomic(path, 0o600) as temporary:
                 temporary.write_bytes(hashlib.sha256(payload).digest() + payload)
         except OSError as error:
-            _warn_unsaved(path.parent, error.strerror or str(error))
+            reason = error.strerror or str(error)
+            _warn_once(path.parent, f"{reason}, compiled kernels are not kept")
 
     def flush(self) -> None:
         """Remove the saved overloads."""
@@ -241,7 +232,10 @@ def _locked(path: Path, kernel: str) -> Iterator[None]:
         try:
             lock.acquire(timeout=_SILENT_WAIT)
         except Timeout:
-            _tell_waiting(path, kernel)
+            # not a warning, which filters may turn into an error
+            longest = f"for {_LONGEST_WAIT:.0f} s at most"
+            told = f"waiting {longest} for another process that compiles {kernel} and holds {path}"
+            print(told, file=sys.stderr, flush=True)
             lock.acquire(timeout=_LONGEST_WAIT - _SILENT_WAIT)
     except Timeout:
         yield
@@ -253,15 +247,6 @@ def _locked(path: Path, kernel: str) -> Iterator[None]:
         with contextlib.suppress(OSError):  # Windows removes no open file
             path.unlink()
         lock.release()
-
-
-@cache
-def _tell_waiting(path: Path, kernel: str) -> None:
-    """Print, once for a lock, what this process waits for."""
-    # not a warning, which filters may turn into an error
-    longest = f"for {_LONGEST_WAIT:.0f} s at most"
-    told = f"waiting {longest} for another process that compiles {kernel} and holds {path}"
-    print(told, file=sys.stderr, flush=True)
 
 
 def _is_trusted(path: Path) -> bool:
@@ -278,19 +263,15 @@ def _is_trusted(path: Path) -> bool:
         except OSError:  # removed meanwhile
             return False
         if reason:
-            _warn_untrusted(place, reason)
+            _warn_once(place, f"{reason}, its compiled kernels are not read")
             return False
     return True
 
 
 @cache
-def _warn_untrusted(path: Path, reason: str) -> None:
-    """Warn, once per process, of a folder or file of kernels that may be those of a stranger."""
-    warnings.warn(
-        f"{path}: {reason}, its compiled kernels are not read; MESHTRACE_CACHE_DIR sets another "
-        "folder",
-        stacklevel=2,
-    )
+def _warn_once(place: Path, problem: str) -> None:
+    """Warn, once per process, of a folder or file of kernels that is not used."""
+    warnings.warn(f"{place}: {problem}; MESHTRACE_CACHE_DIR sets another folder", stacklevel=2)
 
 
 def _make_folder(path: Path) -> None:
@@ -302,15 +283,6 @@ def _make_folder(path: Path) -> None:
         by_age = sorted(path.parent.iterdir(), key=lambda p: p.stat().st_mtime, reverse=True)
         for old in by_age[_KEPT_DIGESTS:]:
             shutil.rmtree(old, ignore_errors=True)
-
-
-@cache
-def _warn_unsaved(path: Path, reason: str) -> None:
-    """Warn, once per process, that compiled kernels are not kept."""
-    warnings.warn(
-        f"{path}: {reason}, compiled kernels are not kept; MESHTRACE_CACHE_DIR sets another folder",
-        stacklevel=2,
-    )
 
 
 class _Entry(CPUDispatcher):
@@ -341,12 +313,13 @@ def _compiled(function: Callable[..., Any], counts: bool) -> Any:
 
     `counts` is whether references to arrays are counted, see the docstring of the module.
     """
-    # no wrapper for C: only Python calls it
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": counts}
-    options["no_cfunc_wrapper"] = True
-    if linker.LINKED:
-        options["pipeline_class"] = linker.WholeCompiler
-    compiled = njit(**options)(function)
+    compiled = njit(
+        nogil=True,
+        error_model="numpy",
+        _nrt=counts,
+        no_cfunc_wrapper=True,  # only Python calls it
+        pipeline_class=linker.WholeCompiler if linker.LINKED else None,
+    )(function)
     if compiled is not function:  # NUMBA_DISABLE_JIT, for debuggers, leaves plain Python
         compiled._cache = KernelCache(function)
         compiled.__class__ = _Entry
@@ -376,10 +349,18 @@ class _Below(CPUDispatcher):
 def _below(inline: bool) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator of functions below the entry points."""
     # never set to False: what is not set numba inherits from the function that calls
-    options = _bare | {"forceinline": True} if inline else _bare
+    inlining = {"forceinline": True} if inline else {}
 
     def decorate(function: Callable[..., Any]) -> Any:
-        compiled = njit(**options)(function)
+        compiled = njit(
+            # Division by 0 gives inf or nan: Python's test costs a branch, and forbids vector code.
+            error_model="numpy",
+            _nrt=False,
+            no_cpython_wrapper=True,
+            no_cfunc_wrapper=True,
+            pipeline_class=linker.PartCompiler if linker.LINKED else None,
+            **inlining,
+        )(function)
         if compiled is not function:
             compiled.__class__ = _Below
         return compiled
