@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import builtins
 import inspect
+import itertools
 import math
 import operator
 import os
@@ -70,27 +71,29 @@ _SAID_OF_CLASS = {
 _WITH_SHORT_TEXT = (str, bool, int, float, complex, NoneType, list, tuple, dict)
 
 
-class Infinite(NamedTuple):
-    """Marker of numbers that may be infinite and, with `missing`, also nan (no value there)."""
-
-    missing: bool = False
+class Infinite:
+    """Marker of numbers that may be infinite."""
 
 
-class Shape(NamedTuple):
+class InfiniteOrNan(Infinite):
+    """Marker of numbers that may be infinite, or nan where there is no value."""
+
+
+class Shape:
     """Marker of an array's shape, as in "n", "n 3" and "... 3".
 
-    Letters stand for any size, each on its own; "..." in front for any number of dimensions.
+    Letters stand for any size, each independently; "..." in front for any number of dimensions.
     """
 
-    sizes: str
+    def __init__(self, sizes: str) -> None:
+        self._sizes = sizes.split()
 
     def __str__(self) -> str:
-        sizes = self.sizes.split()
-        return f"({', '.join(sizes)}{',' if len(sizes) == 1 else ''})"
+        return f"({', '.join(self._sizes)}{',' if len(self._sizes) == 1 else ''})"
 
     def holds(self, shape: tuple[int, ...]) -> bool:
         """Return whether the shape of an array matches."""
-        sizes = self.sizes.split()
+        sizes = self._sizes
         if sizes[0] == "...":
             sizes = sizes[1:]
             shape = shape[-len(sizes) :] if len(shape) >= len(sizes) else ()
@@ -112,7 +115,7 @@ Ranged = Annotated[float, Inside()]
 RangedArray = Annotated[ArrayLike, Inside()]
 """Numbers that the function checks."""
 
-Number = Annotated[float, Infinite(missing=True)]
+Number = Annotated[float, InfiniteOrNan()]
 """A number, also infinite or nan, whose range the function checks."""
 
 Directions = Annotated[NDArray[np.float64], Shape("... 3"), Unit()]
@@ -144,20 +147,14 @@ def check_call(function: Callable[P, R], all_named: bool = False) -> Callable[P,
     Traceback (most recent call last):
     meshtrace.errors.Refused: rate: -1, allowed: > 0
     """
-    parameters: _Parameters | None = None
+    validator: Callable[..., Any] | None = None
 
     @wraps(function)
     def call(*args: P.args, **options: P.kwargs) -> R:
-        nonlocal parameters
-        if parameters is None:  # not at import: most functions are not called in a run
-            parameters = _Parameters.from_function(function, all_named)
-        if parameters.keys:
-            require_keys(options, parameters.keys)
-        # all arguments that *args collects share one validator
-        by_place = [*parameters.places, *[parameters.rest] * (len(args) - len(parameters.places))]
-        by_name, pairs = parameters.by_name, zip(args, by_place, strict=False)
-        places: Any = [v if check is None else check(v) for v, check in pairs]
-        names: Any = {k: by_name[k](v) if k in by_name else v for k, v in options.items()}
+        nonlocal validator
+        if validator is None:  # not at import: most functions are not called in a run
+            validator = _validator(function, all_named)
+        places, names = validator(args, options)
         return function(*places, **names)
 
     call.__checked__ = True  # type: ignore[attr-defined]
@@ -207,47 +204,46 @@ def _checked(name: str, adapter: pydantic.TypeAdapter[Any], value: Any) -> Any:
 _Check = Callable[[Any], Any]
 
 
-class _Parameters(NamedTuple):
-    """Validators of a function's parameters, None where any value is accepted."""
-
-    places: list[_Check | None]  # of positional arguments
-    rest: _Check | None  # of those that *args collects
-    by_name: dict[str, _Check]  # of keyword arguments, without those that accept any value
-    keys: tuple[str, ...]  # the only keywords that are accepted; empty: Python decides
-
-    @classmethod
-    def from_function(cls, function: Callable[..., Any], all_named: bool) -> _Parameters:
-        """Return the validators of a function; for `all_named` see `check_call`."""
-        plain = inspect.unwrap(function)
-        hints = {name: _resolved(hint, plain) for name, hint in plain.__annotations__.items()}
-        places: list[_Check | None] = []
-        names: dict[str, _Check | None] = {}
-        rest, keys = None, True
-        for name, parameter in inspect.signature(plain).parameters.items():
-            hint = hints.get(name, Any)
-            if parameter.kind is parameter.VAR_KEYWORD:
-                if get_origin(hint) is Unpack:
-                    table = get_type_hints(get_args(hint)[0], include_extras=True)
-                    names.update({key: _parameter(key, kind) for key, kind in table.items()})
-                keys = all_named
-            elif parameter.kind is parameter.VAR_POSITIONAL:
-                rest = _parameter(name, hint)
-            else:
-                check = _parameter(name, hint)
-                if parameter.kind is not parameter.KEYWORD_ONLY:
-                    places.append(check)
-                if parameter.kind is not parameter.POSITIONAL_ONLY:
-                    names[name] = check
-        validators = {name: check for name, check in names.items() if check is not None}
-        return cls(places, rest, validators, tuple(names) if keys else ())
+def _accept(value: Any) -> Any:
+    return value
 
 
-def _resolved(hint: Any, function: Callable[..., Any]) -> Any:
-    """Return an annotation as an object; names that only type checkers import become `_Later`."""
-    if not isinstance(hint, str):
-        return hint
-    # with `from __future__ import annotations` it is a text
-    return eval(hint, function.__globals__, _Names(function.__globals__))
+def _validator(function: Callable[..., Any], all_named: bool) -> Callable[..., Any]:
+    """Return a function that validates positional and keyword arguments; see `check_call`."""
+    plain = inspect.unwrap(function)
+    places: list[_Check] = []
+    by_name: dict[str, _Check] = {}
+    rest: _Check = _accept
+    only_known = True
+    for name, parameter in inspect.signature(plain).parameters.items():
+        hint = plain.__annotations__.get(name, Any)
+        if isinstance(hint, str):  # by `from __future__ import annotations`
+            hint = eval(hint, plain.__globals__, _Names(plain.__globals__))
+        if parameter.kind is parameter.VAR_KEYWORD:
+            if get_origin(hint) is Unpack:
+                table = get_type_hints(get_args(hint)[0], include_extras=True)
+                by_name.update({key: _parameter(key, kind) for key, kind in table.items()})
+            only_known = all_named
+        elif parameter.kind is parameter.VAR_POSITIONAL:
+            rest = _parameter(name, hint)
+        else:
+            check = _parameter(name, hint)
+            if parameter.kind is not parameter.KEYWORD_ONLY:
+                places.append(check)
+            if parameter.kind is not parameter.POSITIONAL_ONLY:
+                by_name[name] = check
+
+    def validate(
+        args: Sequence[Any], options: Mapping[str, Any]
+    ) -> tuple[list[Any], dict[str, Any]]:
+        if only_known:
+            require_keys(options, by_name)
+        # all arguments that *args collects share one validator
+        checks = itertools.chain(places, itertools.repeat(rest))
+        by_place = [check(value) for check, value in zip(checks, args, strict=False)]
+        return by_place, {key: by_name.get(key, _accept)(v) for key, v in options.items()}
+
+    return validate
 
 
 class _Names(dict[str, Any]):
@@ -280,18 +276,19 @@ class _Later(type):
         return cls.__name__ in (kind.__name__ for kind in type(value).__mro__)
 
 
-def _parameter(name: str, hint: Any) -> _Check | None:
-    """Return the validator of a parameter, None if any value is accepted."""
+def _parameter(name: str, hint: Any) -> _Check:
+    """Return the validator of a parameter."""
     kind = _typed(hint, _Limits(name))
     if kind is Any:
-        return None
+        return _accept
     # made when it is first needed, as most never are: it takes longer than the check of a value
     adapter = cache(partial(pydantic.TypeAdapter, kind))
     parts = get_args(kind) if get_origin(kind) is Union else (kind,)
-    several = [part for part in parts if part is not NoneType]
-    convert = _converter(several[0]) if len(several) == 1 else None
-    if convert is None:
+    # a type that one plain function validates needs the adapter only where that fails
+    metadata = [get_args(part)[1:] for part in parts if part is not NoneType]
+    if [list(map(type, several)) for several in metadata] != [[PlainValidator]]:
         return lambda value: _checked(name, adapter(), value)
+    convert = metadata[0][0].func
 
     def check(value: Any) -> Any:
         if value is None and NoneType in parts:
@@ -302,13 +299,6 @@ def _parameter(name: str, hint: Any) -> _Check | None:
             return _checked(name, adapter(), value)
 
     return check
-
-
-def _converter(kind: Any) -> _Check | None:
-    """Return the function that validates a type alone, if it has one."""
-    parts = get_args(kind) if get_origin(kind) is Annotated else ()
-    alone = len(parts) == 2 and isinstance(parts[1], PlainValidator)
-    return parts[1].func if alone else None
 
 
 # ---- types -----------------------------------------------------------------------------------
@@ -343,7 +333,7 @@ class _Limits(NamedTuple):
         """Return whether a number, or each number of an array, lies within the bounds."""
         most = math.inf if self.infinite else LARGEST
         good = abs(numbers) <= most  # False for nan
-        if self.infinite and self.infinite.missing:
+        if isinstance(self.infinite, InfiniteOrNan):
             good = good | (numbers != numbers)  # nan
         # where the only bound is > 0, numbers are divided by, see `SMALLEST`
         if self.bounds == {"gt": 0.0}:
@@ -363,18 +353,18 @@ def _typed(hint: Any, limits: _Limits) -> Any:
         markers = [m for part in parts[1:] for m in getattr(part, "metadata", None) or [part]]
         bounds = {key: getattr(part, key) for part in markers for key in _COMPARISONS
                   if getattr(part, key, None) is not None}  # fmt: skip
-        if any(isinstance(part, Inside) for part in markers):
+        by_kind = {type(part): part for part in markers}
+        if Inside in by_kind:
             return Any
         if validators := [part for part in parts[1:] if isinstance(part, AfterValidator)]:
             rest = tuple(part for part in parts if part not in validators)
             bare = Annotated[rest] if len(rest) > 1 else rest[0]
             return Annotated[(_typed(bare, limits), *validators)]
-        infinite = next((part for part in markers if isinstance(part, Infinite)), None)
-        shape = next((part for part in markers if isinstance(part, Shape)), None)
-        unit = any(isinstance(part, Unit) for part in markers)
+        infinite = by_kind.get(InfiniteOrNan) or by_kind.get(Infinite)
         # the text is made once: arguments are checked a hundred thousand times in a study
         shown = range_text(bounds, limits.name)
-        return _typed(parts[0], _Limits(limits.name, bounds, infinite, shape, unit, shown))
+        inner = _Limits(limits.name, bounds, infinite, by_kind.get(Shape), Unit in by_kind, shown)
+        return _typed(parts[0], inner)
     if kind in (Union, UnionType):
         return _union(parts, limits)
     if kind is Literal:

@@ -9,7 +9,7 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
 
-from meshtrace.checks import Infinite, Shape
+from meshtrace.checks import InfiniteOrNan, Shape
 from meshtrace.comms.spectra import Curve
 from meshtrace.errors import Described, Refused, require_array, require_finite, require_whole
 from meshtrace.models import Floats, Model, NonNegative, Positive
@@ -77,7 +77,7 @@ class ChannelResponse(Model, frozen=True):
         cls,
         delay: ArrayLike,
         weight: ArrayLike,
-        angle: Annotated[ArrayLike, Infinite(missing=True), Shape("n")] | None = None,
+        angle: Annotated[ArrayLike, InfiniteOrNan(), Shape("n")] | None = None,
         pulses: int | Sequence[float] = 64,
     ) -> Self:
         """Return the response of many arrivals as few pulses of the same mean delay.
