@@ -108,7 +108,7 @@ class Cells:
         first = values[0] if len(values) else np.nan
         return first in (0.0, 1.0) and np.array_equal(values, first + np.arange(len(values)))
 
-    def tell(self) -> None:
+    def warn(self) -> None:
         """Warn of all conversions and omissions."""
         if self.notes:
             warn_of_input(f"{self.name}: {'; '.join(self.notes)}")

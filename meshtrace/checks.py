@@ -353,18 +353,18 @@ def _typed(hint: Any, limits: _Limits) -> Any:
         markers = [m for part in parts[1:] for m in getattr(part, "metadata", None) or [part]]
         bounds = {key: getattr(part, key) for part in markers for key in _COMPARISONS
                   if getattr(part, key, None) is not None}  # fmt: skip
-        if any(isinstance(part, Inside) for part in markers):
+        by_kind = {type(part): part for part in markers}
+        if Inside in by_kind:
             return Any
         if validators := [part for part in parts[1:] if isinstance(part, AfterValidator)]:
             rest = tuple(part for part in parts if part not in validators)
             bare = Annotated[rest] if len(rest) > 1 else rest[0]
             return Annotated[(_typed(bare, limits), *validators)]
-        infinite = next((part for part in markers if isinstance(part, Infinite)), None)
-        shape = next((part for part in markers if isinstance(part, Shape)), None)
-        unit = any(isinstance(part, Unit) for part in markers)
+        infinite = by_kind.get(InfiniteOrNan) or by_kind.get(Infinite)
         # the text is made once: arguments are checked a hundred thousand times in a study
         shown = range_text(bounds, limits.name)
-        return _typed(parts[0], _Limits(limits.name, bounds, infinite, shape, unit, shown))
+        inner = _Limits(limits.name, bounds, infinite, by_kind.get(Shape), Unit in by_kind, shown)
+        return _typed(parts[0], inner)
     if kind in (Union, UnionType):
         return _union(parts, limits)
     if kind is Literal:

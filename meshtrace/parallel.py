@@ -8,19 +8,18 @@ import sys
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
-from functools import cache, wraps
+from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import cache
 from math import ceil
 from pathlib import Path
 from threading import Lock, local
 from time import monotonic, thread_time
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, TypeVar
 
 from meshtrace.errors import require_whole, warn
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
-Options = ParamSpec("Options")
 
 _worker = local()  # `is_busy` in the threads of `results_of`
 
@@ -83,11 +82,16 @@ def import_path() -> str:
     return os.pathsep.join(f for f in folders if f != here or f == package)
 
 
-@contextmanager
-def safe_processes() -> Iterator[None]:
+def safe_processes() -> AbstractContextManager[None]:
     """Start all Python processes of a block, also those of other packages, like `python_start`."""
-    before = {name: os.environ.get(name) for name in _SAFE}
-    os.environ.update(_SAFE)
+    return environment(_SAFE)
+
+
+@contextmanager
+def environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """Set environment variables within a block."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
     try:
         yield
     finally:
@@ -166,15 +170,8 @@ def one_blas_thread() -> Iterator[None]:
         _BLAS.leave()
 
 
-def held(function: Callable[Options, Result]) -> Callable[Options, Result]:
-    """Decorate a function to run with BLAS limited to one thread."""
-
-    @wraps(function)
-    def alone(*arguments: Options.args, **options: Options.kwargs) -> Result:
-        with one_blas_thread():
-            return function(*arguments, **options)
-
-    return alone
+held = one_blas_thread()
+"""Decorator of functions that run with BLAS limited to one thread."""
 
 
 def ordered_map(

@@ -151,7 +151,7 @@ def read_columns(
         heading = headings[index] if headings else None
         values = cells.finite(index, heading.text if heading else "")
         table[column.name] = Series(_converted(values, column, heading, cells), heading)
-    cells.tell()
+    cells.warn()
     return table
 
 
@@ -282,12 +282,12 @@ def headings_of(cells: Cells, columns: Sequence[Column]) -> list[Heading]:
     for remark in () if best else cells.remarks:
         words = headings_in(remark, cells)
         separated = len(words) == width > 1 and not any(map(reads_as_number, words))
-        if (separated and remark == cells.remarks[-1]) or tells(remark, columns):
+        if (separated and remark == cells.remarks[-1]) or has_other_unit(remark, columns):
             raise Refused(cells.name, Described(f"# {remark}"), allowed)
     return best
 
 
-def tells(remark: str, columns: Sequence[Column]) -> bool:
+def has_other_unit(remark: str, columns: Sequence[Column]) -> bool:
     """Return whether a remark names a unit in which the values of a column would differ."""
     for unit in _IN_REMARKS.findall(remark):
         if unit == "%" or unit.lower().startswith("per"):

@@ -8,14 +8,14 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import AfterValidator, BeforeValidator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from meshtrace.checks import Shape, check_call
-from meshtrace.errors import Refused, is_number
+from meshtrace.errors import Refused, is_number, require_between
 from meshtrace.models import Model
 from meshtrace.quadrature import gauss_legendre
 
-from .parameters import Floats, Positive, Range, named_or_given
+from .parameters import Floats, Positive, named_or_given
 from .spectra import Jonswap, Spectrum
 from .spreadings import Spreading
 
@@ -292,7 +292,9 @@ def drawn_places(edges: Floats, low: Floats, width: Floats | float) -> tuple[Flo
 
 
 @check_call
-def direction_grid(half_range: float, d_theta: float) -> Floats:
+def direction_grid(
+    half_range: Annotated[float, Field(gt=0.0, le=math.pi)], d_theta: float
+) -> Floats:
     """Return directions spaced by `d_theta` and symmetric about the wind.
 
     Parameters
@@ -317,8 +319,7 @@ def direction_grid(half_range: float, d_theta: float) -> Floats:
     >>> [len(direction_grid(math.pi / 2, step)) for step in (math.pi / 5, math.pi / 20)]
     [6, 21]
     """
-    Range("half_range", 0.0, math.pi, "rad").check(half_range)
-    Range("d_theta", 0.0, half_range, "rad").check(d_theta)
+    require_between(d_theta, 0.0, half_range, "d_theta", "(]")
     # the tolerance keeps pi over pi / 20 at 20 steps whatever the last bit of the quotient
     fits = math.floor(2.0 * half_range / d_theta * (1.0 + 1e-12))
     if fits > _MOST_DIRECTIONS:

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
 
 from meshtrace.checks import check_call
-from meshtrace.errors import MISSING, Described, Refused, require_real
+from meshtrace.errors import MISSING, Described, Refused
 from meshtrace.mesh import Cumulants
 from meshtrace.models import FamilyField, InheritedFamilyField, NonNegative, converted
 
@@ -645,7 +645,7 @@ def resolved_sea(wind_speed: float, fetch: float | None = None, seed: int = 0) -
 
 
 @check_call
-def sea_in_wind(wind_speed: float, seed: int = 0) -> Surface:
+def sea_in_wind(wind_speed: Annotated[float, Field(ge=0.0, le=60.0)], seed: int = 0) -> Surface:
     """Return the default sea of a wind: a JONSWAP sea, or a flat one without wind.
 
     Parameters
@@ -665,6 +665,6 @@ def sea_in_wind(wind_speed: float, seed: int = 0) -> Surface:
     >>> sea_in_wind(0.0), sea_in_wind(8.0) == JonswapSea(wind_speed=8.0)
     (FlatSea(), True)
     """
-    if require_real(wind_speed, "wind_speed", "0 <= wind_speed <= 60") == 0.0:
+    if wind_speed == 0.0:
         return FlatSea()
     return JonswapSea(wind_speed=wind_speed, seed=seed)

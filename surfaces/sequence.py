@@ -27,7 +27,7 @@ from meshtrace.models import Model
 from meshtrace.netcdf import opened, require_size, valid_values
 from meshtrace.units import convert, unit_of
 
-from .parameters import TIME, Floats, Positive
+from .parameters import Floats, Positive
 from .triangulate import from_trimesh, grid_faces, read_mesh, unfit
 
 if TYPE_CHECKING:
@@ -506,7 +506,7 @@ class MeshSequence(Model, frozen=True):
             If the time lies outside the record, a frame cannot be read or is no surface (see
             `from_trimesh`), or frames of other facets are to be blended.
         """
-        times, time = self._frame_times, TIME.check(time)
+        times = self._frame_times
         # times of a study are rounded, by less than 1e-9 s
         if not times[0] - 1e-9 <= time <= times[-1] + 1e-9:
             raise Refused("time", time, f"{times[0]:g} <= time <= {times[-1]:g} s, the record")

@@ -23,7 +23,7 @@ import numpy as np
 from meshtrace.cells import cells_of
 from meshtrace.errors import Described, Refused, did_you_mean, extra, refusing, warn_of_input
 from meshtrace.netcdf import check_file, check_zarr, convention_of, opened, require_size
-from meshtrace.tables import Column, heading_of, headings_in, tells
+from meshtrace.tables import Column, has_other_unit, heading_of, headings_in
 from meshtrace.units import convert, is_same, unit_of
 
 from .records import one_record
@@ -281,7 +281,8 @@ def text_table(path: str | PathLike[str]) -> xarray.Dataset:
     if heading.unit is None and heading.name and not heading.name.startswith("f"):
         raise Refused(str(path), Described(header[first - 1]), allowed)
     for remark in cells.remarks:
-        if tells(remark, (_FREQUENCY, Column("dir", "deg"), Column("efth", "m2 Hz-1 deg-1"))):
+        columns = _FREQUENCY, Column("dir", "deg"), Column("efth", "m2 Hz-1 deg-1")
+        if has_other_unit(remark, columns):
             raise Refused(str(path), Described(f"# {remark}"), "density [m2 Hz-1 deg-1], f [Hz]")
     freq, *densities = (cells.finite(i) for i in range(first - 1, len(cells.columns)))
     coords = {"freq": freq, "dir": directions}

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from meshtrace.checks import Shape, check_call
-from meshtrace.errors import MISSING, Described, Refused, extra, require_between, require_word
+from meshtrace.errors import MISSING, Described, Refused, extra, require_word
 from meshtrace.kernels.sources import Sky
 from meshtrace.kernels.sources import land_sunlight as land_sunlight
 from meshtrace.models import Finite, Floats, Model, NonNegative
@@ -156,7 +156,11 @@ def default_irradiance(zenith_deg: float, wavelength_nm: float) -> Irradiance:
 
 
 @check_call
-def sun_position(time: Any, latitude: float, longitude: float) -> SunPosition:
+def sun_position(
+    time: Any,
+    latitude: Annotated[float, Field(ge=-90.0, le=90.0)],
+    longitude: Annotated[float, Field(ge=-180.0, le=180.0)],
+) -> SunPosition:
     """Return the position of the sun.
 
     Parameters
@@ -176,8 +180,6 @@ def sun_position(time: Any, latitude: float, longitude: float) -> SunPosition:
     -----
     x points east and y north: the azimuth from north is turned into one from +x.
     """
-    for name, value, most in (("latitude", latitude, 90.0), ("longitude", longitude, 180.0)):
-        require_between(value, -most, most, name, "[]", f"{-most:g} <= {name} <= {most:g} deg")
     pvlib = _pvlib()
     import pandas as pd
 

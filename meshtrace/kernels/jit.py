@@ -39,7 +39,6 @@ from typing import Any
 import llvmlite
 import numba
 import numpy as np
-from numba import njit
 from numba.core import ccallback, dispatcher
 from numba.core.caching import FunctionCache
 from numba.core.compiler import CompileResult
@@ -50,7 +49,9 @@ from numba.core.serialize import dumps
 from meshtrace.files import atomic, cache_directory, foreign_hand, make_private
 from meshtrace.kernels import linker
 
-config: Any = numba.config  # numba's stubs lack its fields
+# numba's stubs lack fields of its settings, and options of its decorator
+config: Any = numba.config
+njit: Any = numba.njit
 
 ZERO, ONE = np.int64(0), np.int64(1)
 """Numbers to pass to kernels: a literal has another type, for which numba would compile again."""

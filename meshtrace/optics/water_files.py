@@ -26,6 +26,8 @@ _FIELDS = {"a": ("a", "agp"), "b": ("b", "bp"), "c": ("c", "cgp")}
 """Fields of SeaBASS: the whole coefficient, and that without pure water."""
 
 _DEPTHS = ("depth", "bin_depth")
+_OTHER_DEPTHS = ("water_depth", "bottom_depth", "depth_of_water", "secchi_depth")
+_LIKE_DEPTH = re.compile(r"depth|pressure|^press?$|^z$")  # of values, under another name
 # a coefficient, with its wavelength [nm] if it is appended, as in agp440 or c412.5
 _COEFFICIENT = re.compile(r"(?:a|agp|b|bp|c|cgp)(?:\d+(?:\.\d+)?)?")
 _DELIMITERS = {"": " ", "space": " ", "comma": ",", "tab": "\t", "semicolon": ";"}
@@ -118,7 +120,7 @@ def _read_seabass(file: Path, text: str) -> SpectralTable:
     samples = [(z, w, a.at[z, w], b.at[z, w]) for z in full for w in wavelengths]
     if not samples:
         raise Refused(str(file), Described("missing values"), "a depth with all values")
-    cells.tell()
+    cells.warn()
     return SpectralTable(table=samples)
 
 
@@ -162,7 +164,9 @@ def _require_fields(file: Path, fields: list[str]) -> None:
         raise Refused(str(file), names, "a SeaBASS file of different fields")
     depths = [name for name in fields if name in _DEPTHS]
     # without a field of depth the water would be taken as uniform
-    candidates = depths or [name for name in fields if _is_like_depth(name)]
+    candidates = depths or [
+        name for name in fields if name not in _OTHER_DEPTHS and _LIKE_DEPTH.search(name)
+    ]
     if len(depths) != 1 and candidates:
         allowed = f"one field of the depth, {' or '.join(_DEPTHS)}"
         raise Refused(str(file), Described(", ".join(candidates)), allowed)
@@ -191,12 +195,6 @@ def _unit_of(field: str) -> str:
     if field == "wavelength":
         return "nm"
     return "m-1" if _COEFFICIENT.fullmatch(field) else ""
-
-
-def _is_like_depth(field: str) -> bool:
-    """Return whether a field may be the depth of the values under another name."""
-    other_depths = ("water_depth", "bottom_depth", "depth_of_water", "secchi_depth")
-    return field not in other_depths and bool(re.search(r"depth|pressure|^press?$|^z$", field))
 
 
 def _number(file: Path, header: dict[str, str], key: str) -> float | None:

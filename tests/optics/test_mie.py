@@ -139,7 +139,7 @@ def test_the_choice_of_backend_is_restored(monkeypatch):
 
 @pytest.mark.parametrize("x", [0.0, -1.0, np.nan, np.inf, [1.0, -2.0]])
 def test_wrong_size_parameters(x):
-    with pytest.raises(ValueError, match=r"^x: .*, allowed: finite x > 0$"):
+    with pytest.raises(ValueError, match=r"^x.*: .*, allowed: > 0$"):
         mie.efficiencies(M, x)
     with pytest.raises(ValueError, match=r"^x: "):
         mie.population_table(M, x)
@@ -153,7 +153,7 @@ def test_wrong_cosine():
 
 
 def test_wrong_rotations():
-    with pytest.raises(ValueError, match=r"^rotations: 0, allowed: rotations >= 1$"):
+    with pytest.raises(ValueError, match=r"^rotations: 0, allowed: an integer >= 1$"):
         mie.population_table(M, [10.0], rotations=0)
 
 
