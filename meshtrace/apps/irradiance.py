@@ -22,7 +22,7 @@ from meshtrace.daylight.light import (
     land_sunlight,
     refracted_sun,
 )
-from meshtrace.engine.setup.options import RunOptions, require_options
+from meshtrace.engine.setup.options import RunOptions
 from meshtrace.errors import Described, Refused, require_finite, require_pair
 from meshtrace.fading import fading_band
 from meshtrace.link import AirLed, IrradiancePlanes, Link, Sun, WaterReceiver
@@ -64,7 +64,6 @@ def irradiance_series(
     patch: tuple[float, float] | None = None,
     fineness: Annotated[float, Field(ge=0.1, le=10.0)] = 1.0,
     photons: Annotated[int, Field(ge=1000, le=100_000_000)] = 100_000,
-    workers: int | str | None = None,
     **run: Unpack[RunOptions],
 ) -> IrradianceSeries:
     r"""Compute the downward irradiance at depths under a moving sea.
@@ -99,8 +98,6 @@ def irradiance_series(
         Factor on the number of surface points along an axis, for studies of convergence.
     photons : int
         Photons of the scattered light of each depth, and of the sky.
-    workers : int or str, optional
-        Processes in place of threads, or the address or file of a running dask scheduler.
     **run
         Options of the run, see `RunOptions`, but `mesh`: the points follow from the waves. The
         seed is that of the photons; waves have that of their sea. Progress is by frame.
@@ -150,12 +147,11 @@ def irradiance_series(
         raise Refused("depths", depths, "at least one depth > 0 [m]")
     times = require_finite(times, "times", "at least one time [s]")
     target = Collector(0.5 * collector, below == "waves", patch, fineness)
-    require_options(run, RunOptions)
     for name in ("mesh", *Meshing.model_fields):
         if (value := dict(run).get(name)) is not None:
             raise Refused(name, value, "none: the points follow from the waves")
     sea, bands = _resolved(sea, depths, target, water)
-    options: Any = scenario_options | {"photons": photons, "workers": workers} | dict(run)
+    options: Any = scenario_options | {"photons": photons} | dict(run)
     campaign = campaign_of(Link(water=water), sea, "irradiance_series", options)
     ray, seed = SunRay(daylight, water), campaign.run.seed
     plans = [

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from threading import Lock
-from typing import Annotated, Any, Unpack, cast
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +28,7 @@ from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.setup.arrays import frame_of
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
-from meshtrace.engine.setup.options import Analog, IrradianceMap, RunOptions, StudyOptions
+from meshtrace.engine.setup.options import Analog, IrradianceMap, RunOptions
 from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths, clearest, photon_paths, scattering
 from meshtrace.errors import Described, Refused, require_between, require_finite
 from meshtrace.kernels.tints import ALONE
@@ -79,7 +79,6 @@ def coverage_map(
     photons: Annotated[int, Field(ge=1, le=2**53)] = 4_000_000,
     rtol: float | None = None,
     wavelengths_nm: ArrayLike | None = None,
-    workers: int | str | None = None,
     **run: Unpack[RunOptions],
 ) -> CoverageMap | ByWavelength[CoverageMap]:
     r"""Map the gain over the plane of the receiver.
@@ -112,8 +111,6 @@ def coverage_map(
     wavelengths_nm : array_like, optional
         Wavelengths [nm], in place of that of the sources: a map for each, of common photons (see
         `simulate`); `rtol` holds for all.
-    workers : int or str, optional
-        Processes in place of threads, or the address or file of a running dask scheduler.
     **run
         Options of the run, see `RunOptions`. The store keeps the photons, which a smaller `rtol`
         uses again, and the chains; progress is by those followed since the last call.
@@ -164,8 +161,7 @@ def coverage_map(
     in the median cell of more than 1 % of the highest gain has photons of its own, unless those of
     the base are few, too.
     """
-    options = cast(StudyOptions, run | {"workers": workers})
-    case = case_of(link, surface, options)
+    case = case_of(link, surface, run)
     kinds = (Receiver, WaterReceiver)
     receiver = next((r for r in case.link.receivers if isinstance(r, kinds)), None)
     if receiver is None:
@@ -188,7 +184,7 @@ def coverage_map(
     wavelengths = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
     links = [case.link.at_wavelength(nm) for nm in wavelengths] or [case.link]
     without_links = Campaign({}, case.surface, case.run, case.meshing)
-    campaign = without_links.with_loop(options, "coverage_map")
+    campaign = without_links.with_loop(run, "coverage_map")
     maps = dict[int, CoverageMap]()  # by the place of the link in `links`
     with campaign.workers(), one_blas_thread():
         # each turn serves the wavelengths that the photons of one base sample well
