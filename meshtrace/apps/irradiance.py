@@ -23,7 +23,7 @@ from meshtrace.daylight.light import (
     refracted_sun,
 )
 from meshtrace.engine.setup.options import RunOptions
-from meshtrace.errors import Described, Refused, require_finite, require_pair
+from meshtrace.errors import Described, Refused, require_finite
 from meshtrace.fading import fading_band
 from meshtrace.link import AirLed, IrradiancePlanes, Link, Sun, WaterReceiver
 from meshtrace.models import Floats
@@ -319,10 +319,9 @@ class Collector:
         self.cells: Floats | None = None  # centres along an axis of the patch [m]
         if patch is None:
             return
-        allowed = "half-length and edge of a cell [m]"
-        half, edge = require_pair(patch, "patch", allowed)
+        half, edge = patch
         if not 0.0 < edge <= half:
-            raise Refused("patch", patch, f"{allowed}, 0 < edge <= half")
+            raise Refused("patch", patch, "half-length and edge of a cell [m], 0 < edge <= half")
         # n cells on either side of the middle one; 1e-9 absorbs the rounding of half / edge
         n = math.ceil(half / edge - 1e-9)
         self.cells = edge * (np.arange(2 * n + 1.0) - n)

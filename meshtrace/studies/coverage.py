@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from meshtrace.checks import check_call
+from meshtrace.checks import Positive, check_call
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.cell_chains import FIRST, CellChains, TileSums, further, mean_of_times
 from meshtrace.engine.chains.maps import unscattered_map
@@ -30,7 +30,7 @@ from meshtrace.engine.setup.arrays import frame_of
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
 from meshtrace.engine.setup.options import Analog, IrradianceMap, RunOptions
 from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths, clearest, photon_paths, scattering
-from meshtrace.errors import Described, Refused, require_between, require_finite
+from meshtrace.errors import Described, Refused, require_finite
 from meshtrace.kernels.tints import ALONE
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.link.link import SAME_SIDE
@@ -77,7 +77,7 @@ def coverage_map(
     *,
     times: Sequence[float] | None = None,
     photons: Annotated[int, Field(ge=1, le=2**53)] = 4_000_000,
-    rtol: float | None = None,
+    rtol: Positive | None = None,
     wavelengths_nm: ArrayLike | None = None,
     **run: Unpack[RunOptions],
 ) -> CoverageMap | ByWavelength[CoverageMap]:
@@ -167,8 +167,6 @@ def coverage_map(
     if receiver is None:
         raise Refused("receiver", Described("no receiver"), "a Receiver or a WaterReceiver")
     _require_off_plane(case.link, receiver, step)
-    if rtol is not None:
-        require_between(rtol, 0.0, math.inf, "rtol", "()", "a finite number > 0")
     instants = case.meshing.time if times is None else times
     instants = require_finite(instants, "times", "one or more times [s]").tolist()
     grid = IrradianceMap(
