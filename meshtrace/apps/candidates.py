@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from functools import lru_cache
 from itertools import chain, cycle, islice
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,9 +60,6 @@ class Goal:
     def __init__(
         self, objective: Objective | Custom, quantile: float, lights: Lights, limit: float
     ) -> None:
-        if not callable(objective) and objective not in get_args(Objective):
-            allowed = f"{', '.join(get_args(Objective))}, or a function"
-            raise Refused("objective", objective, allowed)
         self.objective = objective
         self._quantile, self._lights = quantile, lights
         self._rates = Quantity("range" if callable(objective) else objective, limit)

@@ -12,15 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from meshtrace.checks import Seed
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_array,
-    require_between,
-    require_seed,
-    require_whole,
-)
+from meshtrace.checks import Positive, Seed
+from meshtrace.errors import Described, Refused, require_array, require_whole
 from meshtrace.fading import (
     Reference,
     autocorrelation,
@@ -114,8 +107,6 @@ class ChannelModel(Stored):
 def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[Floats, dict[str, Any]]:
     """Check a series of gains; return it and the fields of `ChannelModel` that describe it."""
     g = checked_gain(gain)
-    step = require_between(dt, 0.0, math.inf, "dt", allowed="a time step > 0 s")
-    require_seed(seed)
     if np.ptp(g) == 0.0:
         raise Refused("gain", Described("all equal"), "gains that vary")
     rho = autocorrelation(g, max_lag=g.size - 1)
@@ -124,11 +115,11 @@ def _series(gain: ArrayLike, dt: float, seed: int) -> tuple[Floats, dict[str, An
     replicates = correlation_replicates(g, lags, block_length(g), _RESAMPLES, seed)
     return g, {
         "n": g.size,
-        "time_step": step,
+        "time_step": dt,
         "mean": float(g.mean()),
         "mean_stderr": float(g.std(ddof=1)) / math.sqrt(effective_samples(g)),
         "scintillation_index": float(g.var(ddof=1) / g.mean() ** 2),
-        "lag": step * np.arange(lags),
+        "lag": dt * np.arange(lags),
         "autocorrelation": rho[:lags],
         "autocorrelation_stderr": replicates.std(axis=1, ddof=1),
     }
@@ -208,11 +199,11 @@ class MarkovChannel(ChannelModel, kind="markov-channel", title="meshtrace Markov
     def fit(
         cls,
         gain: ArrayLike,
-        dt: float,
+        dt: Positive,
         thresholds: Sequence[float] | int = (0.5,),
         *,
         relative_to: Reference = "mean",
-        seed: int = 1,
+        seed: Seed = 1,
     ) -> Self:
         """Fit a chain to a series of gains.
 
@@ -456,11 +447,11 @@ class TransformedGaussian(
     def fit(
         cls,
         gain: ArrayLike,
-        dt: float,
+        dt: Positive,
         law: GeneratedLaw = "gamma-gamma",
         *,
-        threshold: float | None = None,
-        seed: int = 1,
+        threshold: Positive | None = None,
+        seed: Seed = 1,
     ) -> Self:
         """Fit a generator to a series of gains.
 
@@ -491,7 +482,6 @@ class TransformedGaussian(
         rho_z = np.linspace(-1.0, 1.0, 2001)
         observed, rho_observed = g, _transformed(rho_z, power)
         if threshold is not None:
-            require_between(threshold, 0.0, math.inf, "threshold")
             # the indicator of fades: the model shall keep when they come, not how deep they are
             observed = (g < threshold * g.mean()).astype(np.float64)
             if np.ptp(observed) == 0.0:

@@ -13,7 +13,7 @@ from meshtrace import MeshSource, TriangleMesh
 from meshtrace.apps.predictions import OF_DETECTOR, SCALE, Prediction, Predictor, read_measurements
 from meshtrace.checks import check_call
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import Refused, require_keys, require_names, require_pair
+from meshtrace.errors import Refused, require_keys
 from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.scenario import Scenario
@@ -213,7 +213,7 @@ def infer(
     run.setdefault("photons", DEFAULT_CHAINS)
     campaign = campaign_of(link, surface, "infer", run, several=False)
     campaign.require_chains()
-    names = require_names(unknown, "unknown")
+    names = list(unknown)
     keys = [name for name in names if name != SCALE]
     variant = Variant(campaign.link, campaign.surface)
     detector = electronics_of(campaign, getattr(campaign.scenario, "detector", None), None)
@@ -227,7 +227,7 @@ def infer(
             raise Refused("unknown", p.name, "keys of link, detector and daylight, or scale")
     of_link = iter(of_keys)
     unknowns = [_SCALE if name == SCALE else next(of_link) for name in names]
-    slope, target = _priors(prior, names, unknowns)
+    slope, target = _priors(prior or {}, names, unknowns)
     if not names or len(set(names)) < len(names):
         raise Refused("unknown", names, "one or more names, each once")
     known = len(data.value) + len(target)
@@ -238,14 +238,14 @@ def infer(
         return _Fit(model, names, unknowns, slope, target).result(campaign.provenance())
 
 
-def _priors(prior: Any, names: list[str], unknowns: list[Parameter]) -> tuple[Floats, Floats]:
+def _priors(
+    table: Mapping[str, tuple[float, float]], names: list[str], unknowns: list[Parameter]
+) -> tuple[Floats, Floats]:
     """Return the priors in the coordinates of the fit: slope @ x = target, with error 1."""
-    table = {} if prior is None else prior
     require_keys(table, names, "prior")
     slope, target = np.zeros((len(table), len(names))), np.zeros(len(table))
     for i, (name, pair) in enumerate(table.items()):
-        mean, std = require_pair(pair, f"prior.{name}", "(mean, std), std > 0")
-        axis = names.index(name)
+        (mean, std), axis = pair, names.index(name)
         p = unknowns[axis]
         if not std > 0.0 or not (mean > 0.0 or p.absolute):
             raise Refused(f"prior.{name}", pair, "(mean, std), std > 0")

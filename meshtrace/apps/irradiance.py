@@ -22,8 +22,8 @@ from meshtrace.daylight.light import (
     land_sunlight,
     refracted_sun,
 )
-from meshtrace.engine.setup.options import RunOptions, require_options
-from meshtrace.errors import Described, Refused, require_finite, require_pair
+from meshtrace.engine.setup.options import RunOptions
+from meshtrace.errors import Described, Refused, require_finite
 from meshtrace.fading import fading_band
 from meshtrace.link import AirLed, IrradiancePlanes, Link, Sun, WaterReceiver
 from meshtrace.models import Floats
@@ -64,7 +64,6 @@ def irradiance_series(
     patch: tuple[float, float] | None = None,
     fineness: Annotated[float, Field(ge=0.1, le=10.0)] = 1.0,
     photons: Annotated[int, Field(ge=1000, le=100_000_000)] = 100_000,
-    workers: int | str | None = None,
     **run: Unpack[RunOptions],
 ) -> IrradianceSeries:
     r"""Compute the downward irradiance at depths under a moving sea.
@@ -99,8 +98,6 @@ def irradiance_series(
         Factor on the number of surface points along an axis, for studies of convergence.
     photons : int
         Photons of the scattered light of each depth, and of the sky.
-    workers : int or str, optional
-        Processes in place of threads, or the address or file of a running dask scheduler.
     **run
         Options of the run, see `RunOptions`, but `mesh`: the points follow from the waves. The
         seed is that of the photons; waves have that of their sea. Progress is by frame.
@@ -150,12 +147,11 @@ def irradiance_series(
         raise Refused("depths", depths, "at least one depth > 0 [m]")
     times = require_finite(times, "times", "at least one time [s]")
     target = Collector(0.5 * collector, below == "waves", patch, fineness)
-    require_options(run, RunOptions)
     for name in ("mesh", *Meshing.model_fields):
         if (value := dict(run).get(name)) is not None:
             raise Refused(name, value, "none: the points follow from the waves")
     sea, bands = _resolved(sea, depths, target, water)
-    options: Any = scenario_options | {"photons": photons, "workers": workers} | dict(run)
+    options: Any = scenario_options | {"photons": photons} | dict(run)
     campaign = campaign_of(Link(water=water), sea, "irradiance_series", options)
     ray, seed = SunRay(daylight, water), campaign.run.seed
     plans = [
@@ -323,10 +319,9 @@ class Collector:
         self.cells: Floats | None = None  # centres along an axis of the patch [m]
         if patch is None:
             return
-        allowed = "half-length and edge of a cell [m]"
-        half, edge = require_pair(patch, "patch", allowed)
+        half, edge = patch
         if not 0.0 < edge <= half:
-            raise Refused("patch", patch, f"{allowed}, 0 < edge <= half")
+            raise Refused("patch", patch, "half-length and edge of a cell [m], 0 < edge <= half")
         # n cells on either side of the middle one; 1e-9 absorbs the rounding of half / edge
         n = math.ceil(half / edge - 1e-9)
         self.cells = edge * (np.arange(2 * n + 1.0) - n)

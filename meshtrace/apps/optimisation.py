@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Annotated, Any, Literal, NamedTuple, Unpack
@@ -13,11 +13,11 @@ from pydantic import Field
 
 from meshtrace import Flight, MeshSource, TriangleMesh
 from meshtrace.apps.candidates import REWEIGHED, Custom, Goal, Objective, Sample
-from meshtrace.checks import ErrorRate, Probability, check_call
+from meshtrace.checks import ErrorRate, NonNegative, Probability, check_call
 from meshtrace.comms import OokLink
 from meshtrace.comms.ook import Preset
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import Described, Refused, require_pair
+from meshtrace.errors import Refused
 from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.scenario import Scenario
@@ -157,7 +157,7 @@ def optimize(
     bounds: Bounds | None = None,
     objective: Objective | Custom = "outage",
     constraints: Sequence[Constraint] = (),
-    hover_std: tuple[float, float] = (0.0, 0.0),
+    hover_std: tuple[NonNegative, NonNegative] = (0.0, 0.0),
     *,
     flight: Flight | None = None,
     realizations: Annotated[int, Field(ge=1, le=100_000)] = 64,
@@ -246,8 +246,6 @@ def optimize(
     campaign = campaign_of(link, surface, "optimize", run, fading=fading, several=False)
     campaign.require_chains()  # before candidates are evaluated
     flight = campaign.flight(flight)
-    if not (isinstance(constraints, list | tuple) and all(map(callable, constraints))):
-        raise Refused("constraints", Described(type(constraints).__name__), "functions of the link")
     electronics = electronics_of(campaign, ook, bit_rate)
     if electronics is None and objective in ("outage", "range", "margin", "capacity"):
         raise Refused("ook", None, f"a transmission, for {objective}")
@@ -258,10 +256,7 @@ def optimize(
     lights = Lights(campaign)
     goal = Goal(objective, quantile, lights, limit)
     variables, ends = _variables(campaign, start, bounds)
-    spread = require_pair(hover_std, "hover_std", "two numbers >= 0 [m]")
-    if min(spread) < 0.0:
-        raise Refused("hover_std", hover_std, "two numbers >= 0 [m]")
-    draw = partial(Sample, realizations=realizations, hover_std=spread, flight=flight)
+    draw = partial(Sample, realizations=realizations, hover_std=hover_std, flight=flight)
     search = _Search(campaign, goal, start, variables, ends, draw)
     with campaign.workers():
         optimum = search.optimum(tuple(constraints), method)
@@ -275,7 +270,7 @@ def _variables(
     campaign: Campaign, start: Variant, ranges: Bounds | None
 ) -> tuple[list[Parameter], Floats]:
     """Return the variables and their bounds (n, 2)."""
-    if not isinstance(ranges, Mapping) or not ranges:
+    if not ranges:
         raise Refused("bounds", ranges, "a table of names and bounds (low, high)")
     bounds = np.array(list(checked_bounds(ranges).values()))
     variables = parameters(start, list(ranges), None, campaign.meshing.normals, "bounds")

@@ -318,7 +318,7 @@ def _trace(campaign: Campaign, steps: Steps) -> ChannelTrace:
         for values in (*at_times[:, :, k].swapaxes(0, 1), mean_error[k])
     ]
     origin = {name: campaign.provenance(link) for name, link in campaign.links.items()}
-    trace = ChannelTrace(steps.labels, *columns, provenance=origin)
+    trace = replace(ChannelTrace(steps.labels, *columns), provenance=origin)
     if not campaign.per_lamp:
         return trace
     by_lamp, stderr = (at_times[:, k, 0, ends:].reshape(n, -1, ends) for k in (0, 1))

@@ -60,9 +60,11 @@ class _Command(TyperCommand):
         try:
             return super().invoke(context)
         except Refused as error:
-            # times[3] is of --times
+            # times[3] is of --times; a study may name the option, or the parameter behind it
             field = error.field.partition("[")[0]
-            option = next((p for p in self.params if field in _fields(p)), None)
+            options = {_longest_name(p)[2:].replace("-", "_"): p for p in self.params}
+            options |= {str(p.name).rstrip("_"): p for p in self.params}
+            option = options.get(field)
             # a field of a link file may have the name of an option
             if error.source or option is None:
                 raise
@@ -73,11 +75,6 @@ class _Command(TyperCommand):
 
 def _longest_name(parameter: Any) -> str:
     return str(max(parameter.opts, key=len))
-
-
-def _fields(parameter: Any) -> tuple[str, str]:
-    """Return the names by which a study may refuse a value: of the parameter, and of its option."""
-    return parameter.name.rstrip("_"), _longest_name(parameter)[2:].replace("-", "_")
 
 
 app = typer.Typer(

@@ -14,14 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from meshtrace.errors import (
-    Refused,
-    extra,
-    in_ranges,
-    one_line,
-    require_writable,
-    without_numbers,
-)
+from meshtrace.errors import Refused, extra, in_ranges, one_line, require_writable, without_numbers
 from meshtrace.files import atomic
 
 if TYPE_CHECKING:

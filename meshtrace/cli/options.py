@@ -113,9 +113,7 @@ Combining = Annotated[Any, value("WORD",
     "Combining of several receivers: selection, equal or maximal.")]  # fmt: skip
 Trust = Annotated[bool, flag("--trust", _TRUST)]
 Chains = Annotated[int, count("Chains, common to all surfaces.", "--photons")]
-Bounds = Annotated[
-    list[Any] | None, value("KEY=LOW,HIGH", _BOUNDS, "--bounds", parser=parse_bounds)
-]
+Bounds = Annotated[list[Any] | None, value("KEY=LOW,HIGH", _BOUNDS, parser=parse_bounds)]
 Wavelengths = Annotated[Any, numbers(_WAVELENGTHS, "--wavelengths")]
 ErrorLimit = Annotated[float, value("BER", "Largest bit error rate of a working link, uncoded.")]
 BitRate = Annotated[float | None, value("R", "Bit rate R_b [bit s-1]; default: that of the link.")]

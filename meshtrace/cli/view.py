@@ -12,14 +12,7 @@ from meshtrace.cli import console
 from meshtrace.cli import options as opt
 from meshtrace.cli.application import command
 from meshtrace.cli.options import flag, value
-from meshtrace.errors import (
-    MISSING,
-    Described,
-    Refused,
-    extra,
-    require_between,
-    require_finite,
-)
+from meshtrace.errors import MISSING, Described, Refused, extra, require_between, require_finite
 
 _MESH_SUFFIXES = (".stl", ".ply", ".obj")
 _MOST_PATHS, _MOST_FRAMES = 100_000, 10_000

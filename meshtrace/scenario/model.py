@@ -252,7 +252,7 @@ class Scenario(Model, frozen=True):
         -----
         The number of threads, on which no result depends, is not taken over.
         """
-        if not isinstance(provenance, Mapping) or not {"run", "link"} <= provenance.keys():
+        if not {"run", "link"} <= provenance.keys():
             raise Refused("provenance", provenance, "a table with run, link and surface")
         options = files.as_table(provenance["run"], "run")
         link = Link.model_validate(files.as_table(provenance["link"], "link"))

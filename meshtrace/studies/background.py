@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, Any, Unpack, cast
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +19,7 @@ from meshtrace.comms.response import ChannelResponse
 from meshtrace.daylight.light import Daylight, UnavailableDaylight
 from meshtrace.engine.backward.background import background, backgrounds_over
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
-from meshtrace.engine.setup.options import Case, RunOptions, StudyOptions, require_options
+from meshtrace.engine.setup.options import Case, RunOptions
 from meshtrace.errors import Refused, require_finite
 from meshtrace.fading import resolve_band
 from meshtrace.link import Link
@@ -53,7 +53,6 @@ def background_series(
     *,
     photons: Annotated[int, Field(ge=SHIFTS, le=10_000_000)] = 1024,
     flight: Flight | None = None,
-    workers: int | str | None = None,
     **run: Unpack[RunOptions],
 ) -> BackgroundSeries:
     """Compute the background of a receiver over a moving sea, with flickering glint.
@@ -73,8 +72,6 @@ def background_series(
     flight : Flight, optional
         Aircraft that tilts a receiver in the air; with equal seeds and times it has the tilts of
         `time_series`.
-    workers : int or str, optional
-        Processes in place of threads, or the address or file of a running dask scheduler.
     **run
         Options of the run, see `RunOptions`.
 
@@ -92,9 +89,7 @@ def background_series(
     The sea is that of `time_series`. Slopes that its mesh leaves out count by their density: glint
     keeps its mean but is smoother than in nature.
     """
-    require_options(run, RunOptions)
-    options = cast(StudyOptions, run | {"workers": workers})
-    campaign = campaign_of(link, surface, "background_series", options, fading=True)
+    campaign = campaign_of(link, surface, "background_series", run, fading=True)
     day = light_of(campaign, daylight)
     if day is None:
         raise Refused("daylight", None, "a Daylight")

@@ -26,12 +26,12 @@ from meshtrace.engine.setup.options import (
     Case,
     Meshing,
     Run,
+    RunOptions,
     StudyOptions,
-    require_options,
     resolve,
 )
 from meshtrace.engine.setup.tinting import clearest
-from meshtrace.errors import Described, Refused, require_whole
+from meshtrace.errors import Described, Refused, require_keys, require_whole
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource, SeededSurface, SurfaceModel, TriangleMesh
@@ -170,7 +170,7 @@ class Campaign(NamedTuple):
             raise Refused("surface", kind, "a sea (SurfaceModel), of any spacing")
         return self.surface
 
-    def with_loop(self, run: StudyOptions, study: str) -> Campaign:
+    def with_loop(self, run: RunOptions | StudyOptions, study: str) -> Campaign:
         """Return the campaign with the workers, the store and the progress of a study's options."""
         workers = run.get("workers")
         cluster = None if workers is None else Cluster(workers)
@@ -605,7 +605,7 @@ def campaign_of(
     link: Link | Scenario,
     surface: MeshSource | TriangleMesh | None = None,
     study: str = "",
-    run: StudyOptions = StudyOptions(),  # noqa: B008 - not changed
+    run: RunOptions | StudyOptions = RunOptions(),  # noqa: B008 - not changed
     *,
     fading: bool = False,
     several: bool = True,
@@ -623,7 +623,7 @@ def campaign_of(
         The sea; by default that of the scenario, or that of the link's wind.
     study : str
         Name in a store.
-    run : StudyOptions
+    run : RunOptions or StudyOptions
         Options of the run by their names.
     fading : bool
         Whether the study is about fading: unless `waves` of the meshing or of the sea say
@@ -672,7 +672,7 @@ def campaign_of(
 def case_of(
     link: Link | Scenario,
     surface: MeshSource | TriangleMesh | None,
-    run: StudyOptions,
+    run: RunOptions | StudyOptions,
     fading: bool = False,
     chains: int | None = None,
 ) -> Case:
@@ -684,9 +684,9 @@ def case_of(
     return resolve(link, surface, fading, **options)
 
 
-def case_options(run: StudyOptions) -> dict[str, Any]:
+def case_options(run: RunOptions | StudyOptions) -> dict[str, Any]:
     """Return the options of a single run among those of a study; refuse unknown ones."""
-    require_options(run, StudyOptions)
+    require_keys(run, [*StudyOptions.__annotations__, *Meshing.model_fields])
     return {
         name: value
         for name, value in run.items()

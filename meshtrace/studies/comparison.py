@@ -12,18 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from meshtrace.checks import Shape, check_call
+from meshtrace.checks import NonNegative, Shape, check_call
 from meshtrace.comms.background import DARK, warn_of_background, with_background
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import (
-    Described,
-    Refused,
-    require_between,
-    require_finite,
-    require_whole,
-    warn,
-)
+from meshtrace.errors import Described, Refused, require_finite, warn
 from meshtrace.fading.spectral import band_fading
 from meshtrace.link import Link
 from meshtrace.mesh import MeshSource
@@ -217,9 +210,8 @@ def compare(
     holds all waves that make the light of each link fade, unless `waves` of the meshing says
     otherwise.
     """
-    if not isinstance(links, Mapping) or len(links) < 2:
-        names = sorted(links) if isinstance(links, Mapping) else Described(type(links).__name__)
-        raise Refused("links", names, "a mapping of two or more names to links")
+    if len(links) < 2:
+        raise Refused("links", sorted(links), "a mapping of two or more names to links")
     in_daylight = daylight is not None or any(
         getattr(link, "daylight", None) for link in links.values()
     )
@@ -358,7 +350,7 @@ class Duplex(Stacked, kind="duplex", title="meshtrace gains of both directions")
         """
         return float((1.0 - self.correlation**2) / math.sqrt(max(len(self.up.gain) - 1, 1)))
 
-    def outage(self, up_gain: float, down_gain: float) -> JointOutage:
+    def outage(self, up_gain: NonNegative, down_gain: NonNegative) -> JointOutage:
         """Return the outage of each direction, and of both.
 
         Parameters
@@ -366,8 +358,6 @@ class Duplex(Stacked, kind="duplex", title="meshtrace gains of both directions")
         up_gain, down_gain : float
             Least gain of each direction with a connection, >= 0.
         """
-        for name, value in (("up_gain", up_gain), ("down_gain", down_gain)):
-            require_between(value, 0.0, math.inf, name, "[)", "a gain >= 0")
         up, down = self.up.gain < up_gain, self.down.gain < down_gain
         alone = float(up.mean()), float(down.mean())
         both, either = float((up & down).mean()), float((up | down).mean())
@@ -411,7 +401,7 @@ def duplex(
     surface: MeshSource,
     times: ArrayLike | None = None,
     *,
-    realizations: int | None = None,
+    realizations: Annotated[int, Field(ge=1, le=10_000_000)] | None = None,
     **run: Unpack[StudyOptions],
 ) -> Duplex:
     """Return the gains of an uplink and a downlink over the same surfaces, by forced detection.
@@ -458,11 +448,10 @@ def duplex(
     campaign = both_directions(*pair)
     if (times is None) == (realizations is None):
         raise Refused("times", times, "times, or a number of realizations")
-    if times is not None:
-        steps = campaign.in_time(require_finite(times, "times", "finite times (n,) [s], n >= 1"))
+    if realizations is not None:
+        steps = campaign.realizations(realizations)
     else:
-        require_whole(realizations, 1, 10_000_000, "realizations")
-        steps = campaign.realizations(int(realizations or 0))
+        steps = campaign.in_time(require_finite(times, "times", "finite times (n,) [s], n >= 1"))
     gains = campaign.gains(steps, probed=1)
     return Duplex(*(gain_series(campaign, steps, gains, name) for name in campaign.links))
 

@@ -204,7 +204,7 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
             target = self.anchor
         return np.hypot(self.gain - target[:, None], np.nan_to_num(self.scatter))
 
-    def recommended(self, tolerance: float | None = None) -> dict[str, float]:
+    def recommended(self, tolerance: Positive | None = None) -> dict[str, float]:
         """Return the coarsest value that errs by less than a tolerance, for each kind of normals.
 
         Parameters
@@ -217,8 +217,7 @@ class ConvergenceStudy(Stored, kind="convergence", title="meshtrace convergence"
         dict of str to float
             Interpolated between the values of the study; nan if none of them is fine enough.
         """
-        target = self.tolerance if tolerance is None else tolerance
-        limit = require_between(target, 0.0, math.inf, "tolerance")
+        limit = self.tolerance if tolerance is None else tolerance
         # errors are relative to the gain of the finest step, which errs least
         steps = [largest_step(self.step, row, limit) for row in self.error / self.gain[:, -1:]]
         values = [1.0 / s if self.parameter == "omega_max" else s for s in steps]

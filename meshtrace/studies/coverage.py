@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from threading import Lock
-from typing import Annotated, Any, Unpack, cast
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from meshtrace.checks import check_call
+from meshtrace.checks import Positive, check_call
 from meshtrace.engine.bvh import EmbreeIntersector
 from meshtrace.engine.cell_chains import FIRST, CellChains, TileSums, further, mean_of_times
 from meshtrace.engine.chains.maps import unscattered_map
@@ -27,9 +27,9 @@ from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.setup.arrays import frame_of
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
-from meshtrace.engine.setup.options import Analog, IrradianceMap, RunOptions, StudyOptions
+from meshtrace.engine.setup.options import Analog, IrradianceMap, RunOptions
 from meshtrace.engine.setup.tinting import UNTINTED, CommonPaths, clearest, photon_paths, scattering
-from meshtrace.errors import Described, Refused, require_between, require_finite, warn
+from meshtrace.errors import Described, Refused, require_finite, warn
 from meshtrace.kernels.tints import ALONE
 from meshtrace.link import Link, Receiver, WaterReceiver
 from meshtrace.link.link import SAME_SIDE
@@ -76,9 +76,8 @@ def coverage_map(
     *,
     times: Sequence[float] | None = None,
     photons: Annotated[int, Field(ge=1, le=2**53)] = 4_000_000,
-    rtol: float | None = None,
+    rtol: Positive | None = None,
     wavelengths_nm: ArrayLike | None = None,
-    workers: int | str | None = None,
     **run: Unpack[RunOptions],
 ) -> CoverageMap | ByWavelength[CoverageMap]:
     r"""Map the gain over the plane of the receiver.
@@ -111,8 +110,6 @@ def coverage_map(
     wavelengths_nm : array_like, optional
         Wavelengths [nm], in place of that of the sources: a map for each, of common photons (see
         `simulate`); `rtol` holds for all.
-    workers : int or str, optional
-        Processes in place of threads, or the address or file of a running dask scheduler.
     **run
         Options of the run, see `RunOptions`. The store keeps the photons, which a smaller `rtol`
         uses again, and the chains; progress is by those followed since the last call.
@@ -163,15 +160,12 @@ def coverage_map(
     in the median cell of more than 1 % of the highest gain has photons of its own, unless those of
     the base are few, too.
     """
-    options = cast(StudyOptions, run | {"workers": workers})
-    case = case_of(link, surface, options)
+    case = case_of(link, surface, run)
     kinds = (Receiver, WaterReceiver)
     receiver = next((r for r in case.link.receivers if isinstance(r, kinds)), None)
     if receiver is None:
         raise Refused("receiver", Described("no receiver"), "a Receiver or a WaterReceiver")
     _require_off_plane(case.link, receiver, step)
-    if rtol is not None:
-        require_between(rtol, 0.0, math.inf, "rtol", "()", "a finite number > 0")
     instants = case.meshing.time if times is None else times
     instants = require_finite(instants, "times", "one or more times [s]").tolist()
     grid = IrradianceMap(
@@ -187,7 +181,7 @@ def coverage_map(
     wavelengths = [] if wavelengths_nm is None else checked_wavelengths(wavelengths_nm)
     links = [case.link.at_wavelength(nm) for nm in wavelengths] or [case.link]
     without_links = Campaign({}, case.surface, case.run, case.meshing)
-    campaign = without_links.with_loop(options, "coverage_map")
+    campaign = without_links.with_loop(run, "coverage_map")
     maps = dict[int, CoverageMap]()  # by the place of the link in `links`
     with campaign.workers(), one_blas_thread():
         # each turn serves the wavelengths that the photons of one base sample well

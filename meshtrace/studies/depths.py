@@ -13,7 +13,7 @@ from meshtrace.comms.combining import Combining
 from meshtrace.comms.ook import OokLink, Preset
 from meshtrace.daylight.light import Daylight
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import Described, Refused, require_finite
+from meshtrace.errors import require_finite
 from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.results.provenance import water_of
@@ -134,8 +134,6 @@ def depth_sweep(
     >>> f"{sweep.range_at_ber()[0, 0, 0]:.0f} m"
     '55 m'
     """
-    if not isinstance(link, Link | Scenario):
-        raise Refused("link", Described(type(link).__name__), "a Link or a Scenario")
     performances = []
     speeds = require_finite(wind_speeds, "wind_speeds", "one or more wind speeds [m/s]").tolist()
     for speed in speeds:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, NamedTuple, overload
 
 import numpy as np
 
-from meshtrace.errors import Refused, require_keys, require_real
+from meshtrace.errors import Refused, require_keys
 from meshtrace.models import Floats
 from meshtrace.stored import Columns, Stored, Variable
 from meshtrace.studies.neighbours import DECIBELS
@@ -213,7 +213,6 @@ def _step(row: Row, value: float) -> tuple[float, float]:
 
     The step multiplies `Row.log`. Too large a change is refused.
     """
-    value = require_real(value, row.name, "a finite number")
     if math.isnan(row.elasticity):
         step = value - row.base
         bend = 0.5 * np.nan_to_num(row.second) * step**2

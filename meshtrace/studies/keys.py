@@ -22,8 +22,6 @@ from meshtrace.errors import (
     Refused,
     did_you_mean,
     require_between,
-    require_names,
-    require_pair,
     within,
 )
 from meshtrace.link import Link
@@ -323,7 +321,7 @@ def parameters(
         has other waves at another value.
     """
     known = _known(variant)
-    wanted = list(known) if wrt is None else require_names(wrt, field)
+    wanted = list(known) if wrt is None else wrt
     names = [re.sub(r"\[(\d+)\]", r".\1", name) for name in wanted]
     if step is not None:
         require_between(step, 0.0, 100.0, "step")
@@ -359,12 +357,10 @@ def parameters(
 
 def checked_bounds(bounds: Bounds) -> dict[str, tuple[float, float]]:
     """Return the bounds of each key; refuse those that do not rise."""
-    checked = {}
-    for key, ends in bounds.items():
-        checked[key] = pair = require_pair(ends, f"bounds.{key}", "(low, high), low < high")
-        if not pair[0] < pair[1]:
-            raise Refused(f"bounds.{key}", ends, "(low, high), low < high")
-    return checked
+    for key, (low, high) in bounds.items():
+        if not low < high:
+            raise Refused(f"bounds.{key}", (low, high), "(low, high), low < high")
+    return dict(bounds)
 
 
 def _listed(known: Iterable[str], name: str) -> str:

@@ -130,7 +130,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         flat = np.array([getattr(f, name) for f in self.figures])
         return flat.reshape(len(self.depths), len(self.ooks), 3)
 
-    def range_at_ber(self, ber: float | None = None) -> tuple[Estimate, ...]:
+    def range_at_ber(self, ber: ErrorRate | None = None) -> tuple[Estimate, ...]:
         """Return the greatest depth of each bit rate for an average bit error rate.
 
         Parameters
@@ -149,8 +149,7 @@ class LinkPerformance(Stored, kind="performance", title="meshtrace link performa
         The argument q of BER = Q(q) is interpolated over depth (PCHIP of ln q): it follows the
         gain and is far smoother than the error rate.
         """
-        target = require_between(self.limit if ber is None else ber, 0.0, 0.5, "ber")
-        return self._ranges(self.estimates("ber"), target)
+        return self._ranges(self.estimates("ber"), self.limit if ber is None else ber)
 
     def _ranges(self, bers: Floats, target: float) -> tuple[Estimate, ...]:
         """Return the range of each bit rate for error rates (depths, bit_rates, 3)."""
@@ -639,7 +638,7 @@ def _links(link: Link, depths: Sequence[float] | None) -> dict[float, Link]:
 
 def _shallowest(link: Link | Scenario, depths: Sequence[float] | None) -> Link | Scenario:
     """Return the link or scenario at the first depth, where the shortest waves matter most."""
-    if depths is None or not isinstance(link, Link | Scenario):
+    if depths is None:
         return link
     if isinstance(link, Scenario):
         return link.model_copy(update={"link": _shallowest(link.link, depths)})

@@ -6,7 +6,7 @@ import math
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, NamedTuple, TypeGuard, cast
+from typing import Annotated, Any, Literal, NamedTuple, TypeGuard
 
 import numpy as np
 from scipy.optimize import brentq
@@ -21,7 +21,7 @@ from meshtrace.engine.plan import Planner
 from meshtrace.engine.setup.arrays import IDENTITY, Frame
 from meshtrace.engine.setup.ends import crossing_reach
 from meshtrace.engine.setup.meshing import mesh_for
-from meshtrace.errors import Refused, require_array, require_between, require_names, require_whole
+from meshtrace.errors import Refused, require_between, require_whole
 from meshtrace.fading import Estimate
 from meshtrace.kernels.scene import Scene
 from meshtrace.link import Link
@@ -45,23 +45,10 @@ Unresolved = Literal["tilt", "none"]
 
 def descending(name: str, values: Sequence[float]) -> list[float]:
     """Return at least four different positive values, from large to small; refuse others."""
-    allowed = "at least four different values"
-    numbers = require_array(values, name, allowed)
-    if numbers.ndim != 1:
-        raise Refused(name, values, allowed)
-    steps = [require_between(value, 0.0, math.inf, name) for value in numbers.tolist()]
-    steps.sort(reverse=True)
+    steps = [require_between(value, 0.0, math.inf, name) for value in values]
     if len(steps) < 4 or len(set(steps)) < len(steps):
-        raise Refused(name, numbers.tolist(), allowed)
-    return steps
-
-
-def normal_kinds(normals: Sequence[Normals]) -> tuple[Normals, ...]:
-    """Return the kinds of normals without repetition; refuse unknown ones."""
-    kinds = tuple(dict.fromkeys(require_names(normals, "normals")))
-    if not kinds or not set(kinds) <= {"vertex", "facet"}:
-        raise Refused("normals", normals, "vertex and facet")
-    return cast(tuple[Normals, ...], kinds)
+        raise Refused(name, list(values), "at least four different values")
+    return sorted(steps, reverse=True)
 
 
 def multiple_of(name: str, ratio: float) -> int:
@@ -144,7 +131,10 @@ class CommonChains(Restored):
         highest: SurfaceModel | None = None,
     ) -> None:
         link, highest = campaign.link, highest or campaign.sea
-        self.kinds, self.receiver, self.campaign = normal_kinds(normals), receiver, campaign
+        self.kinds, self.receiver = tuple(dict.fromkeys(normals)), receiver
+        if not self.kinds:
+            raise Refused("normals", normals, "vertex and facet")
+        self.campaign = campaign
         # a spacing of half a metre shows well enough how high crests are: chains expect collisions
         # up to there
         coarse = nested_mesh(link, highest, campaign.meshing.time, 0.5, np.zeros(2))

@@ -41,12 +41,7 @@ from meshtrace.studies.background import (
 )
 from meshtrace.studies.campaign import Campaign, with_first
 from meshtrace.studies.neighbours import DECIBELS, error_of, in_water, without_each
-from meshtrace.studies.operating_point import (
-    Ensemble,
-    FadingSamples,
-    array_of,
-    operating_point,
-)
+from meshtrace.studies.operating_point import Ensemble, FadingSamples, array_of, operating_point
 from meshtrace.studies.response import light_response, through_channel
 from meshtrace.uav import TiltFactors
 

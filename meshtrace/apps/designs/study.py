@@ -19,7 +19,7 @@ from meshtrace.comms.background import filter_shift_nm
 from meshtrace.comms.capacity import capacity, hard_information
 from meshtrace.comms.combining import Combining
 from meshtrace.engine.setup.options import StudyOptions
-from meshtrace.errors import Described, Refused, require_keys
+from meshtrace.errors import Refused, require_keys
 from meshtrace.link import Link
 from meshtrace.models import Floats
 from meshtrace.parallel import results_of
@@ -120,8 +120,6 @@ def design(
     >>> page.closes("night")
     True
     """
-    if not isinstance(scenario, Scenario):
-        raise Refused("scenario", Described(type(scenario).__name__), "a Scenario")
     run.setdefault("photons", DEFAULT_CHAINS)
     # without the waves of fading, which such a link lacks
     campaign_of(scenario, None, "design", run, several=False).require_chains()

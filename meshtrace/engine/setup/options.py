@@ -231,7 +231,7 @@ class SimulateOptions(Shortcuts, total=False):
 
 
 class RunOptions(TypedDict, total=False):
-    """Options of a run as keywords of a study: `StudyOptions` without chains and workers."""
+    """Options of a run as keywords of a study: `StudyOptions` without chains."""
 
     seed: int | None
     mesh: Meshing | None
@@ -239,6 +239,7 @@ class RunOptions(TypedDict, total=False):
     spacing: float | None
     waves: str | float | Band | None
     threads: int | None
+    workers: int | str | None
     store: str | Path | None
     progress: Callable[[int], None] | None
 
@@ -271,7 +272,6 @@ class StudyOptions(RunOptions, total=False):
     """
 
     photons: int | None
-    workers: int | str | None
 
 
 class Run(Model, frozen=True):
@@ -348,11 +348,6 @@ class Run(Model, frozen=True):
         rest = self.model_dump(mode="json", exclude={"estimator"})
         options = self.estimator.model_dump(mode="json")
         return {"estimator": options.pop("kind")} | rest | options
-
-
-def require_options(options: Mapping[str, Any], kind: type[RunOptions]) -> None:
-    """Refuse options that a kind of study does not have."""
-    require_keys(options, [*kind.__annotations__, *Meshing.model_fields])
 
 
 def run_keys() -> list[str]:
