@@ -60,56 +60,84 @@ def write_shares() -> None:
 TICKS = {0.25: "÷4", 0.5: "÷2", 0.8: "0.8", 1.0: "1", 1.25: "1.25", 2.0: "×2", 4.0: "×4"}
 
 
-def draw_forest(table, whole: bool) -> None:
-    """Draw computed over measured values: each row on a line, or each experiment."""
-    from matplotlib import pyplot as plt
-
+def comparable(table):
+    """Return the rows of a table whose measured and computed values have a ratio."""
     data = table.to_dataset()
-    data = data.isel(row=(data.observed > 0.0) & (data.computed > 0.0) & (data.observed_low > 0.0))
-    names = list(dict.fromkeys(data.experiment.to_numpy().tolist()))
-    first = [data.experiment.to_numpy().tolist().index(name) for name in names]
-    y = -np.arange(data.sizes["row"], dtype=float)
-    if not whole:
-        y = -np.array([names.index(name) for name in data.experiment.to_numpy()], float)
-    size = (7.2, 1.0 + (0.19 if whole else 0.27) * np.ptp(y))
-    figure, ax = plt.subplots(figsize=size, layout="constrained")
-    parts = "observed_low", "observed_high", "band_low", "band_high", "computed"
-    left, right, low, high, ratio = (
-        data[name].to_numpy() / data.observed.to_numpy() for name in parts
-    )
+    return data.isel(row=(data.observed > 0.0) & (data.computed > 0.0) & (data.observed_low > 0.0))
+
+
+def draw_ratios(ax, data, y, edge) -> None:
+    """Draw computed over measured values at heights y; those below an edge are arrows on it."""
+    ratio = (data.computed / data.observed).to_numpy()
     inside = data.verdict.to_numpy() == "inside"
-    for good, color, mark in ((True, COLORS[0], "o"), (False, COLORS[1], "D")):
-        at = inside == good
-        if whole:
-            ax.barh(y[at], (right - left)[at], left=left[at], height=0.7, color="#d0d0d0", lw=0)
-            ax.hlines(y[at], np.maximum(low, 0.1)[at], high[at], color=color, lw=2.2)
-        label = "computed, inside" if good else "outside"
+    for at, color, mark, label in (
+        (inside, COLORS[0], "o", "computed, inside"), (~inside, COLORS[1], "D", "outside"),
+    ):  # fmt: skip
         ax.plot(ratio[at], y[at], mark, ms=5, color=color, mec="white", mew=0.6, label=label)
-    edge = 0.2 if whole else 0.3
     beyond = ratio < edge
     ax.plot(np.full(beyond.sum(), 1.03 * edge), y[beyond], "<", ms=5, color=COLORS[0])
-    for name, i in zip(names, first, strict=True):
-        if whole:
-            ax.axhline(y[i] + 0.5, color="#bbbbbb", lw=0.5)
-            beside = ax.get_yaxis_transform()
-            ax.text(1.01, y[i], name.title(), transform=beside, va="center", fontsize=7)
-    known = measured.experiments()
-    words = data.observable.to_numpy() if whole else [known[name].title for name in names]
-    printed = [str(word).replace("K_d", "$K_d$").replace(" deg", "°") for word in words]
-    ax.set_yticks(y if whole else np.unique(y)[::-1], printed, fontsize=7)
+
+
+def save_ratios(figure, ax, limits, size, name) -> None:
+    """Finish the axis of the ratio, with letters of a size [pt], and write the picture."""
     ax.axvline(1.0, color="black", lw=0.8)
-    ax.set(xscale="log", xlim=(edge, 8.0 if whole else 3.0), ylim=(y.min() - 0.6, 0.6))
-    ticks = [tick for tick in TICKS if whole or 0.3 < tick < 3.0]
-    ax.set_xticks(ticks, [TICKS[tick] for tick in ticks], fontsize=8)
+    ax.set(xscale="log", xlim=limits)
+    ticks = [tick for tick in TICKS if limits[0] < tick < limits[1]]
+    ax.set_xticks(ticks, [TICKS[tick] for tick in ticks], fontsize=size)
     ax.xaxis.set_minor_formatter(NullFormatter())
     ax.minorticks_off()
     ax.grid(axis="y", visible=False)
-    ax.set_xlabel("computed / measured", fontsize=9)
-    if whole:
-        ax.bar(1.0, 0.0, color="#d0d0d0", label="measured")
-        ax.plot([], [], color=COLORS[0], lw=2.2, label="band of open inputs")
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, frameon=False, fontsize=8)
-    figure.savefig(STATIC / f"measured_{'rows' if whole else 'forest'}.png", dpi=150)
+    ax.set_xlabel("computed / measured", fontsize=size + 1)
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, frameon=False, fontsize=size)
+    figure.savefig(STATIC / f"measured_{name}.png", dpi=150 if name == "rows" else 200)
+
+
+def draw_rows(table) -> None:
+    """Draw computed over measured values with their ends, each row on a line."""
+    from matplotlib import pyplot as plt
+
+    data = comparable(table)
+    names = data.experiment.to_numpy().tolist()
+    y = -np.arange(data.sizes["row"], dtype=float)
+    figure, ax = plt.subplots(figsize=(7.2, 1.0 + 0.19 * np.ptp(y)), layout="constrained")
+    parts = "observed_low", "observed_high", "band_low", "band_high"
+    left, right, low, high = (data[part].to_numpy() / data.observed.to_numpy() for part in parts)
+    ax.barh(y, right - left, left=left, height=0.7, color="#d0d0d0", lw=0, label="measured")
+    inside = data.verdict.to_numpy() == "inside"
+    ax.hlines(y, np.maximum(low, 0.1), high, color=np.where(inside, *COLORS[:2]), lw=2.2)
+    draw_ratios(ax, data, y, 0.2)
+    ax.plot([], [], color=COLORS[0], lw=2.2, label="band of open inputs")
+    beside = ax.get_yaxis_transform()
+    for name in dict.fromkeys(names):
+        first = y[names.index(name)]
+        ax.axhline(first + 0.5, color="#bbbbbb", lw=0.5)
+        ax.text(1.01, first, name.title(), transform=beside, va="center", fontsize=7)
+    printed = [str(word).replace("K_d", "$K_d$").replace(" deg", "°") for word in
+               data.observable.to_numpy()]  # fmt: skip
+    ax.set_yticks(y, printed, fontsize=7)
+    ax.set_ylim(y.min() - 0.6, 0.6)
+    save_ratios(figure, ax, (0.2, 8.0), 8, "rows")
+    plt.close(figure)
+
+
+def draw_forest(table) -> None:
+    """Draw computed over measured values, those of each experiment on a line below its title."""
+    from matplotlib import pyplot as plt
+
+    data = comparable(table)
+    names = list(dict.fromkeys(data.experiment.to_numpy().tolist()))
+    y = -np.array([names.index(name) for name in data.experiment.to_numpy()], float)
+    # [inch] as narrow as letters of 9 points allow, which a phone of 390 pixels shows as large
+    figure, ax = plt.subplots(figsize=(4.8, 1.0 + 0.4 * len(names)), layout="constrained")
+    draw_ratios(ax, data, y, 0.3)
+    known, within = measured.experiments(), ax.get_yaxis_transform()
+    clear = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
+    for i, name in enumerate(names):
+        title = known[name].title
+        ax.text(0.01, 0.4 - i, title, transform=within, va="center", fontsize=9, bbox=clear)
+    ax.set_yticks([])
+    ax.set_ylim(y.min() - 0.5, 0.7)
+    save_ratios(figure, ax, (0.3, 3.0), 9, "forest")
     plt.close(figure)
 
 
@@ -128,7 +156,8 @@ def draw(experiment, table) -> None:
         draw_series(ax, data.isel(row=series == name), span, i, len(chosen), label)
     ax.set(xlabel=experiment.abscissa, ylabel=experiment.ordinate, ylim=(0.0, None))
     # few points leave no corner that is free in every picture
-    figure.legend(loc="outside upper left", ncols=2, fontsize=7.5)
+    title = None if is_printed(experiment) else "the source prints no measured value"
+    figure.legend(loc="outside upper left", ncols=2, fontsize=7.5, title=title)
     name = experiment.name.replace("-", "_")
     figure.savefig(STATIC / f"measured_{name}.png", dpi=200, bbox_inches="tight")
     plt.close(figure)
@@ -156,6 +185,11 @@ def draw_series(ax, rows, span, i, series, label) -> None:
                     label=f"measured{', ' * bool(label)}{label}")  # fmt: skip
 
 
+def is_printed(experiment) -> bool:
+    """Return whether the source prints any of the values that are computed."""
+    return any(np.isfinite(row.low) for row in experiment.records)
+
+
 def has_curve(experiment) -> bool:
     """Return whether the rows lie along an abscissa; others are in the picture of all rows."""
     return experiment.abscissa != "row"
@@ -174,7 +208,9 @@ def section(experiment, rows: list[str]) -> str:
     )
     picture = f"_static/measured_{experiment.name.replace('-', '_')}.png"
     kind = "" if experiment.kind == "number" else "; in kind"
-    alt = f"{experiment.title}: measured values beside computed bands"
+    shown = "computed bands alone, as the source prints no value"
+    shown = "measured values beside computed bands" if is_printed(experiment) else shown
+    alt = f"{experiment.title}: {shown}"
     found = f"\n*Found.* {opening(experiment.findings)}\n" if ", **" in listed else ""
     return f"""({experiment.name})=
 ## {experiment.title}
@@ -217,8 +253,8 @@ def main() -> None:
         rows[name].append(row_of(table, i))
     parts = [about, *(section(e, rows[e.name]) for e in known)]
     (GENERATED / "measured_table.md").write_text("\n\n".join(parts), encoding="utf-8")
-    draw_forest(table, whole=True)
-    draw_forest(table, whole=False)
+    draw_rows(table)
+    draw_forest(table)
     for experiment in filter(has_curve, known):
         draw(experiment, table)
 

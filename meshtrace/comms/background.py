@@ -23,7 +23,7 @@ DARK = "none: dark, without sun, moon and sky"
 
 
 def name_of_light(name: str) -> str:
-    """Return the name of the light, without its details, from a description of background light.
+    """Extract the name of the light from a description of background light.
 
     Examples
     --------

@@ -134,7 +134,7 @@ def _gains(links: Sequence[OokLink], gain: ArrayLike) -> Floats:
 
 
 def _alike(links: Sequence[OokLink]) -> list[OokLink]:
-    """Return links with the averaging window of the first: their samples then belong together."""
+    """Return links with the averaging window of the first, so that their samples coincide."""
     window = links[0].averaging_window
     return [link if not window else link.replace(window=window) for link in links]
 
@@ -143,7 +143,7 @@ def _alike(links: Sequence[OokLink]) -> list[OokLink]:
 def equivalent_gain(
     links: Sequence[OokLink], gain: ArrayLike, ber: ErrorRate, combining: Combining = "maximal"
 ) -> Floats:
-    """Return the gain with which the first receiver alone would have the same reserve of power.
+    """Return the gain that would give the first receiver alone the same power margin.
 
     g_req / t, with the gain g_req that the first receiver needs for a bit error rate, and the
     factor t on the power of the lamp with which all together have it.
@@ -270,7 +270,7 @@ def intensity_capacity(
 
 
 def _input_law(share: float) -> tuple[float, float]:
-    """Return largest variance, and largest entropy [nat], of inputs on [0, 1] of limited mean."""
+    """Return the largest variance and entropy [nat] of inputs on [0, 1] with a bounded mean."""
     from scipy.optimize import brentq
 
     if share >= 0.5:

@@ -186,7 +186,7 @@ def pattern_decision(mean: ArrayLike, std: ArrayLike, is_one: NDArray[np.bool_])
 def generalized_poisson_logpmf(
     k: ArrayLike, primaries: NonNegative, branching: Branching
 ) -> Floats:
-    """Return the natural log of the probability of k counts when Poisson primaries branch.
+    """Return the log-probability of k counts from branching Poisson primaries.
 
     P(k) = N (N + k lam)^(k-1) exp(-N - k lam) / k!  (Consul and Jain 1973, Technometrics 15, 791)
 
@@ -360,7 +360,7 @@ _EXACT = 1e3  # mean counts up to which a mixture of their laws is summed
 def mixed_information(
     zeros: ArrayLike, ones: ArrayLike, chance: ArrayLike, branching: Branching
 ) -> float:
-    """Return `soft_information` where the light of other bits makes every law a mixture.
+    """Return the soft information if light of other bits mixes the laws of the counts.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Coded bits that an interleaver spreads over several fades."""
+"""Outage and fade margin of codes interleaved over several fades."""
 
 from __future__ import annotations
 

@@ -253,7 +253,7 @@ class OokLink(Model, frozen=True):
 
     @property
     def status(self) -> str:
-        """Standing of the calibration, shown with every result."""
+        """Statement on the calibration, shown with every result."""
         if self.calibration == "none":
             return "no empirical calibration"
         return (
@@ -422,7 +422,7 @@ class OokLink(Model, frozen=True):
         return np.array(np.unravel_index(np.arange(2**count), (2,) * count)).T.astype(bool)
 
     def equalized(self, count: Annotated[int, Field(ge=1, le=2**20)]) -> NDArray[np.bool_]:
-        """Return which of the bits, ordered as in `patterns`, decision feedback removes (count,).
+        """Return which bits (count,), ordered as in `patterns`, decision feedback removes.
 
         These are the earlier ones, which the receiver has already decided; none without equaliser.
         """

@@ -165,7 +165,7 @@ class PulseFilters:
         return self._cursors(ramp, bit_time, count, 1.0)
 
     def bits_ahead(self, bit_time: Positive) -> int:
-        """Return the number of next bits whose light can come before the sample."""
+        """Return the number of later bits whose light can arrive before the sample."""
         return 0 if self.response is None else math.ceil((self.response.clock or 0.0) / bit_time)
 
     def _cursors(
@@ -236,21 +236,20 @@ class Eye(NamedTuple):
     swing: float
 
     @property
-    def _inner(self) -> tuple[int, int]:
-        """Indices of the patterns with the lowest one and highest zero at the end of the bit."""
-        is_one, end = self.bits[:, 0], self.level[:, -1]
-        lowest = np.argmin(np.where(is_one, end, np.inf))
-        return int(lowest), int(np.argmax(np.where(is_one, -np.inf, end)))
+    def _gap(self) -> tuple[float, float]:
+        """Lowest one minus highest zero at the end of the bit, and the sum of their deviations."""
+        is_one, level, std = self.bits[:, 0], self.level[:, -1], self.std[:, -1]
+        lowest = np.argmin(np.where(is_one, level, np.inf))
+        highest = np.argmax(np.where(is_one, -np.inf, level))
+        return float(level[lowest] - level[highest]), float(std[lowest] + std[highest])
 
     @property
     def opening(self) -> float:
         """Lowest one minus highest zero at the end of the bit, over the swing [1]."""
-        lowest_one, zero = self._inner
-        return float((self.level[lowest_one, -1] - self.level[zero, -1]) / self.swing)
+        return self._gap[0] / self.swing
 
     @property
     def q_factor(self) -> float:
         """Lowest one minus highest zero over the sum of their standard deviations [1]."""
-        lowest_one, zero = self._inner
-        noise = self.std[lowest_one, -1] + self.std[zero, -1]
-        return float((self.level[lowest_one, -1] - self.level[zero, -1]) / noise)
+        distance, noise = self._gap
+        return distance / noise

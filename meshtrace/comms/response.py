@@ -1,4 +1,4 @@
-"""Response of the channel to a flash of light, as the receiver's pulses see it."""
+"""Response of the channel to a short flash of light."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ANGLES = 64
 
 
 class ChannelResponse(Model, frozen=True):
-    r"""Light of a flash over its delay, as a sum of pulses.
+    r"""Impulse response of the channel as a sum of delayed pulses.
 
     .. math:: h(t) / \int h = \sum_j w_j \, \delta(t - \tau_j)
 
@@ -153,7 +153,7 @@ def spread_of(t: Floats, w: Floats) -> float:
 
 
 def _angles(angle: Floats, weight: Floats) -> list[float]:
-    """Return angles [deg] that stand for equal shares of the light by their mean squared sine."""
+    """Return angles [deg] of the mean squared sine of equal shares of the light."""
     known = np.isfinite(angle)
     if not weight[known].sum() >= 0.5 * weight.sum():
         return []

@@ -148,7 +148,7 @@ Share = Annotated[float | Curve, pydantic.WrapValidator(_share_or_curve)]
 
 
 def _view(fov_deg: float) -> Floats:
-    """Return sin^2 of angles of incidence (n,) that have equal parts of a uniform scene's light."""
+    """Return sin^2 of angles of incidence (n,) that share the light of a uniform scene equally."""
     # projected solid angle, and with it the light of a uniform scene, is proportional to sin^2
     edge = math.sin(math.radians(0.5 * fov_deg)) ** 2
     return edge * (np.arange(_RAYS) + 0.5) / _RAYS

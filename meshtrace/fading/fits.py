@@ -1,4 +1,4 @@
-"""Laws fitted to gains without their Monte Carlo noise, and tests of them."""
+"""Fits of fading laws to gains without their Monte Carlo noise, and tests of the fits."""
 
 from __future__ import annotations
 

@@ -262,7 +262,7 @@ def _shapes(log_si: float, balance: float) -> tuple[float, float]:
 
 
 def _likelihood_nodes(log_h: Floats) -> tuple[Floats, Floats]:
-    """Return nodes and weights such that sum f(log_h) = weights @ f(nodes) for a smooth f.
+    """Return nodes and weights with sum f(log_h) = weights @ f(nodes) for smooth f.
 
     The weights are those of local cubic interpolation: the logarithm of the density is so smooth
     that 300 Bessel functions in place of one per gain change ln L by less than 1e-4.

@@ -1,4 +1,4 @@
-"""Closed forms of the wander of a narrow beam over a Gaussian sea, and of what tracking leaves.
+"""Closed forms for the wander of a narrow beam over a Gaussian sea, and its residual in tracking.
 
 Refraction at the slope s moves the spot of a vertical beam at the height h by (n - 1) h s. The
 slope is averaged over the footprint: with the weight exp(-2 r^2 / w^2) of a Gaussian beam each wave
@@ -33,7 +33,7 @@ _AZIMUTHS = 2048  # of the outage: a periodic integrand, exact to rounding for a
 
 
 class Wander(NamedTuple):
-    """Slopes over a footprint: omega (n,) [rad s-1], variances along and across the wind (2, n)."""
+    """Slope variances over a footprint by omega (n,) [rad s-1]: along, across the wind (2, n)."""
 
     omega: Floats
     variance: Floats
@@ -66,7 +66,7 @@ class Wander(NamedTuple):
     def left(
         self, latency: float | None, predictor: Predictor | None, sample: float, noise: float | None
     ) -> Floats:
-        """Return the slope variances that tracking leaves along and across the wind, (2,)."""
+        """Return the residual slope variances (2,) of tracking, along and across the wind."""
         from scipy.linalg import matmul_toeplitz
 
         whole = self.variance.sum(axis=1)
@@ -105,7 +105,7 @@ def pointing_residual(
     noise: NonNegative | None = None,
     omega_max: Annotated[float, Infinite()] | None = None,
 ) -> float:
-    r"""Compute the share of the variance of a beam's wander that tracking leaves.
+    r"""Compute the share of the variance of beam wander that remains after tracking.
 
     .. math:: \epsilon = 2 (1 - \rho(\tau)), \quad
         \rho(\tau) = \frac{\int k^2 S e^{-k^2 w^2 / 4} \cos \omega\tau \, d\omega}
@@ -181,7 +181,7 @@ def pointing_outage(
     n: Annotated[Index, Field(gt=1.0)] = 1.33,
     omega_max: Annotated[float, Infinite()] | None = None,
 ) -> float:
-    r"""Compute the share of the time that the spot of a beam is farther than R from its target.
+    r"""Compute the probability that the spot of a beam is farther than R from its target.
 
     .. math:: P(|y| > R) = \frac{1}{2\pi} \int_0^{2\pi}
         \exp\left(-\frac{R^2}{2 (\sigma_1^2 \cos^2\phi + \sigma_2^2 \sin^2\phi)}\right) d\phi

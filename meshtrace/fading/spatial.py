@@ -1,4 +1,4 @@
-"""Correlation of the fading between ends that lie apart, in closed form."""
+"""Closed-form correlation of the fading of separate receivers or lamps."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _covariances(
     places: Floats,
     heights: bool,
 ) -> Floats:
-    """Return the covariances of gains whose light crosses apart, over their squared mean.
+    """Return the covariances of gains with separate crossings, over their squared mean.
 
     `places` (n, 2) are the distances of the crossings of still water along and across the wind.
     """

@@ -1,4 +1,4 @@
-"""Closed forms of the fading of unscattered light over a Gaussian sea, and the band it needs.
+"""Closed forms for the fading of unscattered light over a Gaussian sea, and its wave band.
 
 In paraxial geometric optics, light that crosses the surface at P lands at P + beta s(P), with the
 plane of the receiver projected from the source onto the surface, the slope s of the surface and
@@ -223,7 +223,7 @@ def paraxial_lever(link: Any) -> Lever:
 def slopes_seen(
     link: Any, surface: Any, omega_max: float | None, tilts: bool = True
 ) -> tuple[Lever, Any, tuple[float, float]]:
-    """Return the geometry, the slope spectrum, and the slope variances of waves beyond a band.
+    """Return the geometry, the slope spectrum, and the variances of slopes beyond a band.
 
     Variances are those along and across the wind. Refuse a field of view too narrow for light that
     the slopes deflect.
@@ -444,7 +444,7 @@ def band_fading(link: Any, surface: Any) -> BandFading | None:
 
 @check_call
 def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
-    """Return the smallest `omega_max` whose waves have the fading of all waves.
+    """Return the smallest `omega_max` that reproduces the fading of all waves.
 
     Parameters
     ----------
@@ -516,7 +516,7 @@ def fading_band(link: Any, surface: Any, within: float = WITHIN) -> float:
 def resolve_band(
     link: Any, surface: Any, waves: str | float | Model | None = None, fading: bool = True
 ) -> Any:
-    """Return a sea with the waves to resolve for a link.
+    """Return a sea with the wave band that a link needs.
 
     Parameters
     ----------
@@ -565,7 +565,7 @@ def resolve_band(
 
 
 def open_for_fading(link: Any, surface: Any) -> Any:
-    """Return a sea with all waves that make the light of a link fade, if it leaves them open.
+    """Return a sea with the wave band that the fading of a link needs, if its band is left open.
 
     The index of the band is within 3 % of that of all waves or, where no band is, within 10 %.
     """
@@ -580,7 +580,7 @@ def open_for_fading(link: Any, surface: Any) -> Any:
 
 
 def _chosen(link: Any, surface: Any, waves: Any) -> Any:
-    """Return a sea with the waves chosen by name, number or band in place of its present ones."""
+    """Replace the waves of a sea by those of a name, number or band."""
     if hasattr(surface, "windiest"):
         if waves == FADING:
             return _with_windiest(surface, lambda part: _chosen(link, part, waves))
@@ -603,14 +603,14 @@ def _has_waves(surface: Any) -> bool:
 
 
 def _with_windiest(surface: Any, changed: Callable[[Any], Any]) -> Any:
-    """Return a sum of seas with its windiest part changed."""
+    """Change the windiest part of a sum of seas."""
     whole = surface.windiest
     parts = [changed(part) if part is whole else part for part in surface.parts]
     return surface if parts == list(surface.parts) else surface.model_copy(update={"parts": parts})
 
 
 def _resolved(link: Any, surface: Any, within: float = WITHIN) -> Any:
-    """Return a sea with all waves that make the light of a link fade; refuse too short ones."""
+    """Return a sea with the wave band that the fading of a link needs; refuse too short waves."""
     try:
         highest = _cached_band(_on_axis(link), surface, within)
         if highest > _HIGHEST_OF_MESH:
@@ -625,7 +625,7 @@ def _resolved(link: Any, surface: Any, within: float = WITHIN) -> Any:
 
 
 def _on_axis(link: Any) -> Any:
-    """Return a link whose first source and receiver face each other, with a full field of view.
+    """Align the first source and receiver of a link, with a full field of view.
 
     Those of a downlink change places, so that one sea has one band, that of the uplink, for both
     directions and for traces.

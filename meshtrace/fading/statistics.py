@@ -275,7 +275,10 @@ def fading_statistics(
     for level in levels:
         # which gains are below the level, without their noise as in `outage`
         below = (sample < level_of(sample, level, relative_to)).astype(np.float64)
-        trials = _trials(below, n_effective)
+        trials = n_effective
+        if n_effective != g.size and 0.0 < below.mean() < 1.0:
+            # rare outages decorrelate faster than the gain, so that their autocorrelation counts
+            trials = effective_samples(below)
         outages.append(outage(
             sample, level, relative_to=relative_to, n_effective=trials, confidence=confidence
         ))  # fmt: skip
@@ -331,18 +334,10 @@ def _series_part(
     }
 
 
-def _trials(below: Floats, n_effective: float) -> float:
-    """Return the number of independent samples for an outage; `below` (n,) is 1 in it, else 0."""
-    if n_effective == below.size or not 0.0 < below.mean() < 1.0:
-        return n_effective
-    # rare outages decorrelate faster than the gain, so that their autocorrelation counts
-    return effective_samples(below)
-
-
 def _all_fits(
     sample: Floats, n_effective: float, resamples: int, seed: int
 ) -> tuple[tuple[DistributionFit, ...], tuple[GoodnessOfFit, ...], list[str]]:
-    """Return the fitted laws, their tests, and notes on what could not be fitted or tested."""
+    """Fit and test all laws; return fits, tests, and notes on what could not be done."""
     if not sample.all():
         return (), (), ["some gains are 0: no continuous law fitted"]
     if np.ptp(sample) <= 1e-12 * sample.max():

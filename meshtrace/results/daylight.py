@@ -1,4 +1,4 @@
-"""Daylight at receivers: background by its parts, irradiance under a moving sea and its flashes."""
+"""Daylight at receivers: parts of the background, irradiance under a moving sea, flashes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ sun seen directly. Under water: "sky" and "sun" through the surface, scattered l
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Background(Stored, kind="background", title="meshtrace background light"):
-    """Radiance of the background, averaged over aperture and field of view of a receiver.
+    """Background radiance averaged over the aperture and field of view of a receiver.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Background(Stored, kind="background", title="meshtrace background light"):
         cls, by_pixel: Annotated[Floats, Shape("n pixels parts")], acceptance: float,
         wavelength_nm: float,
     ) -> Self:  # fmt: skip
-        """Return the mean of n independent samples (n, pixels, parts), with errors by scatter.
+        """Average n independent samples (n, pixels, parts), with errors from their scatter.
 
         Raises
         ------
@@ -227,7 +227,7 @@ class BackgroundSeries(
 
     @property
     def scintillation_index(self) -> float:
-        """Variance of the radiance over its squared mean; the noise of the rays is included."""
+        """Variance of the radiance over its squared mean, including the noise of the rays."""
         return float(self.radiance.var() / self.radiance.mean() ** 2)
 
     def _headline(self) -> str:

@@ -71,7 +71,7 @@ class ScatteredSamples(NamedTuple):
 
 
 class ChainCounts(NamedTuple):
-    """Outcomes of scattering chains in numbers.
+    """Counts of scattering chains by outcome.
 
     A crossing is a point of the surface at which a chain can be refracted into the aperture; a
     chain may have several over waves. `fields.toml` has the long names.
@@ -408,12 +408,12 @@ class GainResult(Stored, kind="gain", title="meshtrace channel gain"):
 
 
 def like(gain: Values, array: Any) -> Any:
-    """Return an array (receivers,) in the form of `gain`: as a number if `gain` is a number."""
+    """Return an array (receivers,) unchanged, or as a number if `gain` is a number."""
     return float(array[0]) if array is not None and np.ndim(gain) == 0 else array
 
 
 def bound_where_dark(gain: Values, photons: int) -> Values | None:
-    """Return upper bounds of analog gains of 0 at 95 % confidence, None if all are positive.
+    """Return 95 % upper bounds where analog gains are 0, None if all are positive.
 
     An event that does not occur in n independent trials has a probability below 3 / n (rule of
     three, from (1 - p)^n = 0.05).
@@ -425,13 +425,13 @@ def bound_where_dark(gain: Values, photons: int) -> Values | None:
 
 
 def _line(name: str, text: str) -> str:
-    """Return a line of a summary: a name in a column of fixed width, and its text."""
+    """Format a line of a summary: a name in a column of fixed width, and its text."""
     return f"{name:<18}{text}"
 
 
 @check_call
 def merge(results: Sequence[GainResult]) -> GainResult:
-    """Return the result of all photons of several analog runs of one configuration.
+    """Merge analog runs of one configuration into the result of all their photons.
 
     The mean of all photons is sum n_i mean_i / sum n_i over runs of n_i photons; mean squares, for
     the standard errors, combine in the same way.

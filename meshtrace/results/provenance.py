@@ -18,7 +18,7 @@ from meshtrace.optics.water import Water
 @check_call
 @cache
 def environment() -> dict[str, str]:
-    """Return the versions of the programs behind a result."""
+    """Return the versions of the software behind a result."""
     programs = {
         "meshtrace": version("meshtrace"),
         "git_commit": _git_commit(Path(__file__).parents[2]),

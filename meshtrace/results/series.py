@@ -160,7 +160,7 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
         return np.asarray((1.0 - rho**2) / np.sqrt(max(n - 1.0, 1.0)))
 
     def correlated_pairs(self) -> list[CorrelatedPair]:
-        """Return the correlation of the fading of every two channels, see `correlation`."""
+        """Return the correlation of fading of every pair of channels, see `correlation`."""
         names, rho, stderr = self._channels()[0], self.correlation, self.correlation_stderr
         ends = self.provenance.get("link", {}).get("receiver", [])
         places = [end.get("position") for end in ends] if isinstance(ends, list) else []
@@ -175,7 +175,7 @@ class GainSeries(Stored, kind="series", title="meshtrace gain series"):
         return pairs
 
     def _correlation_lines(self) -> list[str]:
-        """Return the correlation of the fading of two channels in a line each."""
+        """Describe the correlation of fading of each pair of channels in a line."""
         pairs = self.correlated_pairs()
         if not pairs or not np.isfinite(self.correlation).all():
             return []
@@ -515,12 +515,12 @@ def spectral(
 
 
 def by_wavelength(data: xr.Dataset) -> xr.Dataset:
-    """Return a dataset with its dimension `wavelength`, if any, replaced by `wavelength_nm`."""
+    """Replace the dimension `wavelength` of a dataset, if any, by `wavelength_nm`."""
     return data.swap_dims(wavelength="wavelength_nm") if "wavelength" in data.dims else data
 
 
 def checked_wavelengths(wavelengths_nm: Any) -> list[float]:
-    """Return wavelengths [nm] in rising order.
+    """Return wavelengths [nm] in ascending order.
 
     Raises
     ------

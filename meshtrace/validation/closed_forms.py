@@ -113,7 +113,7 @@ def unscattered_gain(
     n: float = 1.33,
     c: float = 0.151,
 ) -> float:
-    r"""Return the gain of the light that reaches a level receiver on the axis unscattered.
+    r"""Return the gain of unscattered light at a level receiver on the axis of the lamp.
 
     h = \int_0^{theta_r} (m + 1) cos^m(theta) sin(theta) T(theta) exp(-c d / cos(theta)) dtheta,
     where the ray at theta_r ends on the rim: d tan(theta) + h tan(theta_t) = r.
