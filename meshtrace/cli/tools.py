@@ -248,6 +248,7 @@ def warm() -> None:
         *(partial(in_colours, link) for link in (murky, *coloured)),
         partial(in_colours, clear, estimator="analog"),
         partial(mt.background, mt.Link(), sea, day, photons=64),
+        partial(mt.OokLink().ber, 1e-9),
         partial(mt.apps.irradiance_series, sea, day, photons=1000, patch=(0.5, 0.5)),
     ]
     with console.progress(len(runs), console.COMPILING, kernels=_ALL) as (_, advance):

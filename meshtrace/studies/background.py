@@ -19,11 +19,11 @@ from meshtrace.comms.response import ChannelResponse
 from meshtrace.daylight.light import Daylight, UnavailableDaylight
 from meshtrace.engine.backward.background import background, backgrounds_over
 from meshtrace.engine.setup.meshing import mesh_for, surface_config
-from meshtrace.engine.setup.options import Case, RunOptions
+from meshtrace.engine.setup.options import Case, Meshing, RunOptions
 from meshtrace.errors import Refused, require_finite
 from meshtrace.fading import resolve_band
 from meshtrace.link import Link
-from meshtrace.mesh import MeshSource, SeededSurface
+from meshtrace.mesh import MeshSource, SeededSurface, WaveSum
 from meshtrace.models import Floats
 from meshtrace.results.daylight import PARTS, Background, BackgroundSeries
 from meshtrace.results.gain import GainResult
@@ -40,6 +40,9 @@ from meshtrace.uav import Flight
 _MOST_SEAS = 16  # of the mean background of an ensemble
 _MEAN_SEAS = 4  # the same where each sea has the mean
 _LONGEST = 1.1  # highest frequency of the waves of a mean sea over the lowest
+# k h of the shortest of these waves, h the spacing of their mesh: interpolated slopes err by
+# (k h)^2 / 8, 3e-4 of slopes that are a tenth of the random ones
+_LONG_WAVE = 0.05
 RAYS = 2048
 """Rays of the background over each sea of an ensemble."""
 
@@ -145,6 +148,29 @@ def mean_sea(link: Link, surface: Any) -> Any:
         return surface
     # at least one wave stays, so that the surface is a sea
     return resolve_band(link, surface, _LONGEST * max(lowest))
+
+
+def mean_meshing(link: Link, sea: Any, meshing: Meshing) -> Meshing:
+    """Return a meshing that is as coarse as the long waves of a mean sea allow.
+
+    The mesh of a link has a spacing for short waves, which random slopes replace there. It stays
+    where the user chose one, or where the waves need it.
+
+    Parameters
+    ----------
+    link : Link
+        The link.
+    sea : Surface or TriangleMesh
+        Its `mean_sea`.
+    meshing : Meshing
+        Time and resolution otherwise.
+    """
+    if meshing.spacing is not None or meshing.extent is not None or not isinstance(sea, WaveSum):
+        return meshing
+    shortest = float(np.hypot(sea.components.kx, sea.components.ky).max(initial=1e-9))
+    footprint = link.footprint()
+    spacing = min(_LONG_WAVE / shortest, footprint.coarse_spacing)
+    return meshing.replace(spacing=spacing) if spacing > footprint.spacing else meshing
 
 
 def background_over_seas(

@@ -66,6 +66,7 @@ def test_warm_compiles_colours_turbid_water_background_and_irradiance():
     assert n["facet_hits"] == 1  # one for both
     names = ("tint_chains", "tint_straight", "land_sunlight", "add_upwelling", "split_rays")
     assert all(n[name] for name in names)
+    assert n["best_thresholds"] == 1  # of error rates
 
 
 UNDER_AND_BESIDE = """

@@ -11,7 +11,7 @@ from meshtrace.comms.background import with_background
 from meshtrace.errors import Refused
 from meshtrace.scenario.parts import daylight_recipe
 from meshtrace.studies import background
-from meshtrace.studies.background import Lights, background_over_seas, mean_sea
+from meshtrace.studies.background import Lights, background_over_seas, mean_meshing, mean_sea
 from meshtrace.studies.campaign import campaign_of
 from meshtrace.surfaces import FlatSea, SinusoidalSea, sea_in_wind
 
@@ -250,6 +250,28 @@ def test_a_sea_has_its_mean_where_slopes_are_random():
     assert mean_sea(resolved, sea) is sea
     assert mean_sea(mt.Link(), WAVE) is WAVE
     assert mean_sea(mt.Link(), swell).mss == swell.mss
+
+
+def test_the_mesh_of_a_mean_sea_is_as_coarse_as_its_waves_allow():
+    link, day = mt.Link(receiver=mt.Receiver(fov_deg=20.0)), mt.Daylight.clear_sky(30.0)
+    campaign = campaign_of(link, sea_in_wind(8.0), run={"photons": 64})
+    sea, fine = mean_sea(link, campaign.surface), campaign.meshing
+    coarse = mean_meshing(link, sea, fine)
+    k = np.hypot(sea.components.kx, sea.components.ky).max()
+    assert coarse.spacing == pytest.approx(0.05 / k)
+    assert coarse.spacing > 3.0 * link.footprint().spacing
+    # a twentieth of the waves' radian: gains and backgrounds as over ten times as many facets
+    gains, lights = [], []
+    for meshing in (fine, coarse):
+        means = campaign._replace(surface=sea, meshing=meshing)
+        gains.append(means.gains(means.surfaces(2))[0].mean(axis=-1))  # of all shifts
+        lights.append(background_over_seas(means, day, 2).radiance)
+    np.testing.assert_allclose(gains[1], gains[0], rtol=1e-3)
+    assert lights[1] == pytest.approx(lights[0], rel=1e-4)
+    # short waves, a spacing of the user, and surfaces that are no waves keep their meshes
+    given = fine.replace(spacing=0.5)
+    for surface, meshing in ((WAVE, fine), (sea, given), (FlatSea(), fine)):
+        assert mean_meshing(link, surface, meshing) is meshing
 
 
 # Flights

@@ -37,6 +37,7 @@ from meshtrace.studies.background import (
     background_over_seas,
     checked_daylight,
     described,
+    mean_meshing,
     mean_sea,
 )
 from meshtrace.studies.campaign import Campaign, with_first
@@ -81,7 +82,10 @@ class MeanGains:
         self._link = campaign.link
         sea = mean_sea(campaign.link, campaign.surface)
         most = _RESOLVED_SEAS if sea is campaign.surface else _SEAS
-        self.campaign = campaign._replace(surface=sea, progress=None)
+        meshing = campaign.meshing
+        if sea is not campaign.surface:
+            meshing = mean_meshing(campaign.link, sea, meshing)
+        self.campaign = campaign._replace(surface=sea, meshing=meshing, progress=None)
         self.steps = self.campaign.surfaces(min(seas, most))
         self.seas = len(self.steps.labels)
         self._log_ratios: dict[Link, Floats] = {self._link: np.zeros(1)}
@@ -211,7 +215,9 @@ class LinkModel:
             night, day = day, None
         self.assumed = day is None
         self.daylights = {NIGHT: night, DAY: day or Daylight.clear_sky(30.0, wavelength_nm=nm)}
-        self._backgrounds = Lights(self.campaign._replace(progress=None))
+        # backgrounds are those over mean seas, too
+        meshing = self.means.campaign.meshing
+        self._backgrounds = Lights(self.campaign._replace(meshing=meshing, progress=None))
         self.windows: dict[str, tuple[Floats, Floats]] = {}  # shares of a bit over ln(bit rate)
 
     def notes(self) -> tuple[str, ...]:
@@ -373,6 +379,7 @@ class LinkModel:
         """Return the background of a link over the seas."""
         seas = self.ensemble.n if period == DAY else min(self.ensemble.n, _NIGHT_SEAS)
         campaign = self.campaign.for_link(link, _name_of(link))
+        campaign = campaign._replace(meshing=self.means.campaign.meshing)
         return background_over_seas(campaign, self.daylights[period], seas, self.flight)
 
     @cache  # noqa: B019

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from meshtrace.fading import pointing_outage, pointing_residual
+from meshtrace.fading.pointing import SAMPLE, Wander, outside
 from meshtrace.link import Link
+from meshtrace.models import Floats
 from meshtrace.parallel import ordered_map
 from meshtrace.tables import text_table
 
@@ -63,29 +64,33 @@ def tracked_spots(link: Link, surface: Any, threads: int = 1) -> tuple[TrackedSp
     beam_radius = math.hypot(beam.size, beam.depth * spread)
     radii = sorted({*_RADII, float(f"{beam_radius:.2g}")})
     latencies = sorted({*_LATENCIES, beam.tracker.latency if beam.tracker else _CAMERA})
-    pairs = [(radius, latency) for radius in radii for latency in latencies]
-    return tuple(ordered_map(partial(_spot, link, sea), pairs, threads))
+    by_radius = ordered_map(partial(_spots_of, link, sea, latencies), radii, threads)
+    return tuple(spot for spots in by_radius for spot in spots)
 
 
-def _spot(link: Link, sea: Any, pair: tuple[float, float]) -> TrackedSpot:
-    radius, latency = pair
+def _spots_of(link: Link, sea: Any, latencies: Sequence[float], radius: float) -> list[TrackedSpot]:
+    """Return the wander of a beam of one radius, as `pointing_residual` and `pointing_outage`."""
     n, end, depth = link.water.n / link.n_air, link.only_receiver, link.depth
-    outage = partial(pointing_outage, sea, end.height, end.radius, radius=radius, n=n)
     spectrum = sea.slope_spectrum()
     # along the wind: k^2 s^2 cos^4 theta, cos^4 = 3/8 + cos(2 theta) / 2 + cos(4 theta) / 8
     share = 0.375 + 0.5 * spectrum.harmonics[2] + 0.125 * spectrum.harmonics[4]
     footprint = np.exp(-0.25 * (spectrum.k * radius) ** 2)
     curvature = math.sqrt(float(np.sum(spectrum.k**2 * spectrum.variance * share * footprint)))
-    return TrackedSpot(
-        radius,
-        latency,
-        pointing_residual(sea, latency, radius),
-        pointing_residual(sea, latency, radius, "linear"),
-        outage(latency=latency),
-        outage(latency=latency, predictor="linear"),
-        outage(latency=None),
-        (n - 1.0) * end.height * depth / (depth + n * end.height) * curvature,
-    )
+    loop_gain = (n - 1.0) * end.height * depth / (depth + n * end.height) * curvature
+    wander = Wander.from_sea(sea, radius)
+
+    def outage(left: Floats) -> float:
+        return outside((n - 1.0) ** 2 * end.height**2 * left, end.radius)
+
+    whole, fixed, spots = wander.variance.sum(), outage(wander.variance.sum(axis=1)), []
+    for latency in latencies:
+        held, predicted = (
+            wander.left(latency, predictor, SAMPLE, None) for predictor in ("hold", "linear")
+        )
+        shares = float(held.sum() / whole), float(predicted.sum() / whole)
+        outages = outage(held), outage(predicted), fixed
+        spots.append(TrackedSpot(radius, latency, *shares, *outages, loop_gain))
+    return spots
 
 
 def spot_lines(spots: Sequence[TrackedSpot], outage: float) -> list[str]:

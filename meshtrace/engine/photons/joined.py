@@ -65,7 +65,7 @@ _BENT = 0.3  # tuned: fall of the importance with the bend of light over random 
 # extrapolated boundary over the diffusion coefficient; 2 would be one without internal reflection
 _BOUNDARY = 3.4
 _GUIDES = 64  # targets at most to which directions are guided: their densities are sums over all
-_TOGETHER = 16  # targets up to which the arrivals of a whole block of photons fit the cache
+_TOGETHER = 4  # targets up to which a block of photons stays whole; tuned: memory of arrivals
 _ROOM = 32  # arrivals of a photon at each target, else a block is followed again
 _VISIBLE = 50.0  # [m], depth from which light comes back to the air at most
 _SEEN_SHARE = 0.1  # tuned: radius of the water about a receiver that counts as near, over the way
@@ -438,7 +438,10 @@ class JoinedPhotons:
             sums = Gains.zeros(len(factors), lamps * n, _ORDERS)
             place = places_of(arrivals, self.seed, self.link, lamps, n)
             sums.add_arrivals(arrivals, factors, first, last - first, place)
-            return (sums, arrivals, factors) if record else (sums, arrivals[:0], factors[:, :0])
+            if record:
+                return sums, arrivals, factors
+            # no views: they would keep the memory of this block while the next one is followed
+            return sums, np.empty(0, ARRIVAL), np.empty((len(factors), 0))
 
         return ordered_map(follow, spans, self._threads)
 

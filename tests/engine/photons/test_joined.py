@@ -1,6 +1,7 @@
 """Joined photons: against analog photons, forced detection, and themselves."""
 
 import math
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -272,6 +273,19 @@ def test_the_order_of_receivers_changes_nothing():
     ]
     assert (gains[0] > 0.0).all()
     np.testing.assert_array_equal(gains[0], gains[1][::-1])
+
+
+def test_arrivals_at_many_receivers_take_little_memory():
+    """Of one part of a block at a time, and none of them are kept: else 550 MiB."""
+    ends_of = tuple(WIDE.replace(position=(0.1 * i, 0.0)) for i in range(24))
+    link, mesh = UP["still"][0].replace("receiver", ends_of), FLAT.mesh(extent=20.0, spacing=1.0)
+    photons = joined.JoinedPhotons(link, 4096, 1)
+    photons.evaluate(mesh)  # compiles
+    tracemalloc.start()
+    photons.evaluate(mesh)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 150 * 2**20
 
 
 def test_arrivals_add_up_to_the_gain():
