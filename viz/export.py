@@ -20,7 +20,7 @@ from meshtrace.engine.paths import PhotonPaths
 from meshtrace.engine.photons.state import Vertex
 from meshtrace.errors import Described, Refused
 from meshtrace.files import atomic
-from meshtrace.link import Body
+from meshtrace.link import Body, Link
 from meshtrace.link.receivers import Aperture
 from meshtrace.mesh import TriangleMesh
 from meshtrace.results.series import CoverageMap
@@ -86,11 +86,14 @@ def _(source: PhotonPaths) -> pv.PolyData:
 @to_pyvista.register
 def _(source: CoverageMap) -> pv.ImageData:
     step = source.x[1] - source.x[0] if len(source.x) > 1 else 1.0
+    link = source.provenance.get("link")
+    receivers = Link.model_validate(link).receivers if link is not None else ()
+    height = receivers[0].center[2] if receivers else 0.0
     data = pv.ImageData(
         # a value belongs to a cell; the dimensions count the points, one more along each axis
         dimensions=(len(source.x) + 1, len(source.y) + 1, 1),
         spacing=(step, step, 1.0),
-        origin=(source.x[0] - step / 2.0, source.y[0] - step / 2.0, _height(source)),
+        origin=(source.x[0] - step / 2.0, source.y[0] - step / 2.0, height),
     )
     # x varies fastest in VTK
     data.cell_data["gain"] = source.gain.ravel(order="F")
@@ -110,17 +113,6 @@ def _(source: Aperture) -> pv.PolyData:
         center=source.center, normal=source.axis, inner=0.0, outer=source.radius, c_res=60
     )
     return disk.triangulate()
-
-
-def _height(source: CoverageMap) -> float:
-    """Return the height of the first receiver of the map [m], 0 if the map has none."""
-    receivers = source.provenance.get("link", {}).get("receiver", [])
-    for receiver in receivers if isinstance(receivers, list | tuple) else [receivers]:
-        if "height" in receiver:
-            return float(receiver["height"])
-        if receiver.get("kind") == "water-receiver":
-            return -float(receiver["depth"])
-    return 0.0
 
 
 def require_suffix(path: str | Path, suffixes: Iterable[str], field: str = "path") -> Path:
@@ -215,7 +207,7 @@ def export_scene(scene: ScenePlotter, path: str | Path) -> list[Path]:
 
 
 def _save_solid(scene: ScenePlotter, path: Path) -> list[Path]:
-    """Write a scene as one file of triangles, and the colours of a .obj beside it."""
+    """Write a scene as one triangle mesh; a .obj also gets a file of its colours."""
     from trimesh import Scene
     from trimesh.exchange.gltf import export_gltf
     from trimesh.exchange.obj import export_obj
@@ -263,7 +255,7 @@ _THIN = 5e-4  # tuned: radius of a path over the size of the stage, a pixel or t
 
 
 def _solid(data: pv.PolyData, name: str, color: str) -> Any:
-    """Return a part as a mesh of trimesh, z up turned to y up."""
+    """Convert a part to a mesh of trimesh, from z up to y up."""
     from trimesh import Trimesh
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial
@@ -341,7 +333,7 @@ def save_picture(picture: pv.Plotter | Figure, path: str | Path, largest: int = 
 
 
 def _in_palette(shot: Image.Image) -> Image.Image:
-    """Return a picture in 256 colours: 160 for gradients, where steps show, and 96 for the rest."""
+    """Reduce a picture to 256 colours: 160 for gradients, where steps show, 96 for the rest."""
     # 160 and 96 are tuned: banding of the sky and water against false colours of symbols
     pixels, quantize = np.asarray(shot), cast(Any, Image.Quantize)
     extremes = (
@@ -369,7 +361,7 @@ _EVEN = 6
 
 
 def surface_sampler(mesh: TriangleMesh) -> Callable[[ArrayLike], NDArray[np.float64]]:
-    """Return a function from places (n, 2) [m] to the elevation (n,) [m] of facets, 0 outside."""
+    """Return a function from places (n, 2) [m] to elevations (n,) [m] of a mesh, 0 outside."""
     flat = to_pyvista(mesh)
     # facets and places are both moved to z = 0, where VTK locates the places
     flat.points = np.asarray(flat.points) * (1.0, 1.0, 0.0)

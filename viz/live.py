@@ -1,4 +1,4 @@
-"""Data of a scene as the WebGL of pages draws it: sea, water, sky and light.
+"""Data of a scene for the WebGL of pages: sea, water, sky and light.
 
 The explorer sends these parts to its page and `save_html` writes them into one; `assets/scene.js`
 takes them, with arrays as bytes of single precision.
@@ -22,7 +22,6 @@ from meshtrace.engine.photons.flight import Vertex
 from meshtrace.link import Link
 from meshtrace.link.sources import AirLamp, Source, WaterSource
 from meshtrace.mesh import MeshSource, TriangleMesh
-from meshtrace.models import Floats
 from meshtrace.optics import Water
 from meshtrace.results.series import CoverageMap
 
@@ -78,7 +77,7 @@ def light_color(wavelength_nm: float) -> tuple[float, float, float]:
 
 
 def light_shade(source: Source, white: float = _CORE) -> str:
-    """Return the colour of the light of a lamp with a share of white."""
+    """Return the colour of the light of a lamp, mixed with a share of white."""
     color = white + 0.9 * np.array(light_color(source.wavelength_nm))
     return to_hex(to_srgb(np.minimum(color, 1.0)))
 
@@ -94,22 +93,22 @@ def stage_part(stage: Stage, link: Link | None, framing: int = 1) -> dict[str, A
 
 
 def sea_part(mesh: TriangleMesh, ring: Any) -> dict[str, bytes]:
-    """Return points and normals of a surface, and the points of its edge, given by indices."""
+    """Return the points and normals of a surface, and the points along its edge."""
     points = mesh.vertices
     arrays = {"points": points, "normals": mesh.vertex_normals, "ring": points[ring]}
     return {key: array.astype(np.float32).tobytes() for key, array in arrays.items()}
 
 
 def map_part(coverage: CoverageMap) -> dict[str, Any]:
-    """Return a map as an image in the colours of `map_shades`."""
+    """Return a map as an image coloured by `map_shades`."""
     half = 0.5 * float(coverage.x[1] - coverage.x[0])
-    box = [*_ends(coverage.x, half), *_ends(coverage.y, half)]
+    box = [float(v) for c in (coverage.x, coverage.y) for v in (c[0] - half, c[-1] + half)]
     pixels = np.ascontiguousarray(map_shades(coverage).transpose(1, 0, 2))
     return {"bytes": pixels.tobytes(), "n": len(coverage.x), "box": box}
 
 
 def map_shades(coverage: CoverageMap) -> Any:
-    """Return the colours (nx, ny, 4) of a map in decibels below its peak, translucent if dark."""
+    """Return the colours (nx, ny, 4) of a map, in decibels below its peak; dark cells are clear."""
     relative = np.maximum(coverage.gain / max(float(coverage.gain.max()), 1e-300), 1e-30)
     share = np.clip(1.0 + 10.0 * np.log10(relative) / MAP_DB, 0.0, 1.0)
     shades = (255.0 * colormaps["viridis"](share)).astype(np.uint8)
@@ -118,21 +117,13 @@ def map_shades(coverage: CoverageMap) -> Any:
     return shades
 
 
-def _ends(values: Floats, half: float) -> tuple[float, float]:
-    return float(values[0] - half), float(values[-1] + half)
-
-
 def look_part(
     link: Link | None,
     surface: MeshSource | TriangleMesh,
     mesh: TriangleMesh,
     daylight: Daylight | None,
-    foam_share: float | None = None,
 ) -> dict[str, Any]:
-    """Return the illumination of the sea, and its waves shorter than the mesh resolves.
-
-    Foam covers a share of the surface, by default that of the link's whitecaps.
-    """
+    """Return the illumination of the sea, and the waves that its mesh does not resolve."""
     wind = wind_of(surface)
     # a surface without a link is looked at by day
     day, sky_color = _sky_of(daylight or (DEFAULT_DAY if link is None else None))
@@ -145,8 +136,7 @@ def look_part(
     upwelling = math.pi * WATER_BRIGHTNESS * sea_light.upwelling
     inside = np.array(_LEAST_INSIDE) * min(1.0, _MOST_INSIDE / float(upwelling.max()))
     # streaks are Gaussian: foam is where they exceed the quantile of its share
-    share = sea_light.foam if foam_share is None else foam_share
-    foam = 1.1 * ndtri(1.0 - share) if share > 0.0 else 100.0
+    foam = 1.1 * ndtri(1.0 - sea_light.foam) if sea_light.foam > 0.0 else 100.0
     glint = 0.0 if day is _DUSK else day.direct / day.irradiance
     return {
         "waves": tile, "rest": tile["rest"], "sky": _sky_image(day), "sun": list(day.sun),
@@ -163,7 +153,7 @@ def look_part(
 
 @lru_cache(maxsize=4)
 def _tile(variances: tuple[float, float], least: float, wind_deg: float) -> dict[str, Any]:
-    """Return slopes of short waves and streaks of foam as the pixels of a tile, by `left_out`.
+    """Return a periodic tile of the slopes of unresolved waves and of foam; see `left_out`.
 
     Red and green are the slopes x and y over `scale`, blue the sum of their squares, of which
     smaller copies of the tile keep the mean; alpha has the streaks from -4 to 4.
@@ -194,7 +184,7 @@ def _sky_of(day: Daylight | None) -> tuple[Daylight, tuple[float, float, float]]
 
 
 def _sky_image(day: Daylight) -> dict[str, Any]:
-    """Return the sky as pixels (16, 32): roots of radiances by elevation, finer at the horizon."""
+    """Return the sky as an image (16, 32) of root radiances, finer near the horizon."""
     elevation = 0.5 * math.pi * (np.arange(16) / 15.0)[:, None] ** 2
     azimuth = 2.0 * math.pi * (np.arange(32) + 0.5) / 32.0
     across = np.cos(elevation) + 0.0 * azimuth
@@ -253,7 +243,7 @@ def link_part(link: Link | None, stage: Stage) -> dict[str, Any]:
 
 
 def bodies_part(link: Link, stage: Stage) -> list[dict[str, Any]]:
-    """Return corners (facets, 3, 3) of the facets of each body about the stage, and its colour."""
+    """Return the facets (n, 3, 3) of each body near the stage, by their corners, and its colour."""
     shown, reach = [], stage.half * np.array([-1.0, 1.0])
     for body in link.bodies:
         vertices, faces = body.triangles()
@@ -277,7 +267,7 @@ def _loss(water: Water) -> float:
 
 
 def _lamp(source: WaterSource | AirLamp, link: Link) -> dict[str, Any]:
-    """Return the beam of a lamp at its position ("own") and as it seems to start in the water."""
+    """Return the beam of a lamp as emitted ("own"), and as it appears in the water."""
     half, bright = source.spread_deg, 0.4 * _strength(source)
     x, y, z = source.center
     bright *= min(math.exp(_loss(link.water) * abs(z) / 3.0), 5.0) if z < 0.0 else 1.0
@@ -299,7 +289,7 @@ def _lamp(source: WaterSource | AirLamp, link: Link) -> dict[str, Any]:
 def _beam(
     pattern: str, half: float, axis: tuple[float, float, float], way: float, bright: float
 ) -> tuple[list[float], list[float]]:
-    """Return axis and shape of a beam.
+    """Return the axis and the shape of a beam.
 
     The shape has the power of the cosine (0: within a cone), the tangent of the drawn half-angle,
     a distance of reference [m] and the brightness.

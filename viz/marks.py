@@ -1,4 +1,4 @@
-"""Grammar of plots: axes from the names and units of variables, and five marks to draw on them.
+"""Building blocks of plots: axes labelled by variable names and units, and five kinds of marks.
 
 Lines, bands, bars, maps and densities, of which all plots of results and of the paper consist.
 Dimensions, coordinates, limits and standard errors of a dataset decide what is drawn: the last
@@ -19,7 +19,8 @@ import numpy as np
 import xarray as xr
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
+from matplotlib.colors import Normalize, to_hex
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.patches import StepPatch
 from matplotlib.ticker import MaxNLocator
@@ -61,7 +62,7 @@ def axes(ax: Axes | None) -> Axes:
 
 
 def scaled(name: str, values: ArrayLike) -> tuple[Floats, str]:
-    """Return values of a variable as an axis shows them, and the label of that axis."""
+    """Convert a variable to the units of its axis; return it with the label of the axis."""
     array = np.asarray(values)
     field = FIELDS.get(name)
     scale = "rad" if field is not None and field.units == "rad" else name
@@ -71,8 +72,10 @@ def scaled(name: str, values: ArrayLike) -> tuple[Floats, str]:
     return transform(array), f"{field.long_name} ${field.symbol}$ [{unit}]"
 
 
-def finished(ax: Axes, x: str = "", y: str = "", *, legend: bool = True, **settings: Any) -> Axes:
-    """Return axes with labels, scales and limits, and with a legend if there are names.
+def finished(
+    ax: Axes, x: str = "", y: str = "", *, legend: bool = True, clear: bool = False, **settings: Any
+) -> Axes:
+    """Set labels, scales and limits of axes, and add a legend if any mark has a name.
 
     Parameters
     ----------
@@ -81,7 +84,9 @@ def finished(ax: Axes, x: str = "", y: str = "", *, legend: bool = True, **setti
     x, y : str
         Names of variables, whose labels the axes get.
     legend : bool
-        Draw a legend, beside the axes if it is long.
+        Draw a legend, beside the axes if it is long; else an earlier one stays.
+    clear : bool
+        Move the legend beside the axes if it would cover a curve.
     **settings
         Of `Axes.set`.
     """
@@ -90,20 +95,28 @@ def finished(ax: Axes, x: str = "", y: str = "", *, legend: bool = True, **setti
     ax.set(**settings)
     ax.set_ylabel(wrapped(ax.get_ylabel()))
     _told_apart(ax)
-    named = len(ax.get_legend_handles_labels()[1])
+    named, drawn = len(ax.get_legend_handles_labels()[1]), ax.get_legend()
     if legend and named:
-        old = ax.get_legend()
         # a legend that is drawn anew has lost its title
-        title = old.get_title().get_text() if old else None
-        if named > _BESIDE:
-            ax.legend(title=title, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        else:
-            ax.legend(title=title)
+        drawn = ax.legend(title=drawn.get_title().get_text() if drawn else None)
+    too_long = legend and named > _BESIDE
+    if drawn is not None and (too_long or (clear and _covers_curve(ax, drawn))):
+        drawn.set_loc("upper left")
+        drawn.set_bbox_to_anchor((1.0, 1.0), ax.transAxes)
     return ax
 
 
+def _covers_curve(ax: Axes, legend: Legend) -> bool:
+    """Return whether a legend lies over a curve."""
+    # the place of a legend is known once it is laid out
+    ax.figure.canvas.figure.draw_without_rendering()
+    box = legend.get_window_extent()
+    paths = (line.get_path().transformed(line.get_transform()) for line in ax.lines)
+    return any(path.intersects_bbox(box, filled=False) for path in paths)
+
+
 def _told_apart(ax: Axes) -> None:
-    """Give solid curves and round markers the dashes and the marker of their colour."""
+    """Set dashes and markers by colour, so that curves differ in grey print."""
     for line in ax.get_lines():
         dashes, marker, _ = STROKES.get(to_hex(line.get_color()).upper(), ("-", "o", ""))
         if line.get_linestyle() == "-":
@@ -116,22 +129,8 @@ def _told_apart(ax: Axes) -> None:
             patch.set_linestyle(STROKES.get(shade, ("-",))[0])
 
 
-def with_clear_legend(ax: Axes) -> Axes:
-    """Return finished axes, their legend beside them if it would cover a curve within them."""
-    legend = ax.get_legend()
-    if legend is not None:
-        # the place of a legend is known once it is laid out
-        ax.figure.canvas.figure.draw_without_rendering()
-        box = legend.get_window_extent()
-        paths = (line.get_path().transformed(line.get_transform()) for line in ax.lines)
-        if any(path.intersects_bbox(box, filled=False) for path in paths):
-            legend.set_loc("upper left")
-            legend.set_bbox_to_anchor((1.0, 1.0), ax.transAxes)
-    return ax
-
-
 def _titled(ax: Axes, data: xr.Dataset, quantity: str) -> Axes:
-    """Return axes whose legend of numbers says of what and in which unit they are."""
+    """Title a legend of numbers with the name and unit of their variable."""
     by, legend = data[quantity].dims[0], ax.get_legend()
     if legend is not None and data[quantity].ndim == 2 and data[by].dtype.kind in "iuf":
         legend.set_title(label_of(str(by)))
@@ -139,7 +138,7 @@ def _titled(ax: Axes, data: xr.Dataset, quantity: str) -> Axes:
 
 
 def wrapped(label: str) -> str:
-    """Return a long label in two lines; TeX and units stay whole."""
+    """Break a long label into two lines without splitting TeX or units."""
     shown = re.sub(r"\\\w+|[${}^_\\]", "", label)
     if len(shown) <= _LONGEST:
         return label
@@ -149,7 +148,7 @@ def wrapped(label: str) -> str:
 
 
 def note(ax: Axes, text: str, side: Literal["left", "right"] = "right") -> None:
-    """Write a short explanation above an end of axes, once."""
+    """Write a note above one end of the axes, unless it is there already."""
     if text not in (text_drawn.get_text() for text_drawn in ax.texts):
         where = 0.0 if side == "left" else 1.0, 1.01
         ax.annotate(text, where, xycoords="axes fraction", ha=side, va="bottom", fontsize=8)
@@ -158,8 +157,8 @@ def note(ax: Axes, text: str, side: Literal["left", "right"] = "right") -> None:
 # ---- data ------------------------------------------------------------------------------------
 
 
-def dataset(variables: dict[str, Any], **coords: Any) -> xr.Dataset:
-    """Return variables over all coordinates; registered names get their attributes."""
+def dataset(variables: dict[str, Any], coords: dict[str, Any]) -> xr.Dataset:
+    """Return a dataset of variables over all coordinates, with attributes of registered names."""
 
     def attributes(name: str) -> dict[str, str]:
         known = name in FIELDS or name.removesuffix("_stderr") in FIELDS
@@ -183,13 +182,13 @@ def variable(data: xr.Dataset, name: str, dims: tuple[Hashable, ...] = ()) -> xr
 
 
 def along(data: xr.Dataset, quantity: str) -> tuple[Floats, str]:
-    """Return the last dimension of a variable as an axis shows it, and the label of that axis."""
+    """Return the last coordinate of a variable in the units of its axis, and the axis label."""
     name = str(variable(data, quantity).dims[-1])
     return scaled(name, require_array(data[name].to_numpy(), name, "numbers along the axis"))
 
 
 def curves(data: xr.Dataset, quantity: str) -> Iterator[tuple[Any, ...]]:
-    """Yield name, values, lower and upper limit of each curve or group of bars."""
+    """Yield the name, values, lower and upper limits of each curve or group of bars."""
     values, dims = variable(data, quantity), data[quantity].dims
     kinds = [kind for kind in ("low", "high", "stderr") if f"{quantity}_{kind}" in data]
     limits = {kind: variable(data, f"{quantity}_{kind}", dims) for kind in kinds}
@@ -216,7 +215,7 @@ def lines(
     colors: Sequence[Any] = (),
     **look: Any,
 ) -> Axes:
-    """Draw the curves of a variable with their limits; a name without text is not in the legend.
+    """Draw the curves of a variable with their limits; curves named "" are not in the legend.
 
     Parameters
     ----------
@@ -260,7 +259,7 @@ def lines(
 
 
 def band(ax: Axes, line: Line2D, low: Any, high: Any) -> None:
-    """Draw the limits of a curve as a band, or as bars if its markers have no line."""
+    """Draw the limits of a curve as a band, or as error bars if it has markers alone."""
     x, y, color = line.get_xdata(), np.asarray(line.get_ydata()), line.get_color()
     if y.size > 1 and line.get_linestyle() != "None":
         steps = line.get_drawstyle().partition("steps-")[2] or None
@@ -274,7 +273,7 @@ def band(ax: Axes, line: Line2D, low: Any, high: Any) -> None:
 def bars(
     ax: Axes | None, data: xr.Dataset, quantity: str, *, across: bool = False, beside: bool = True
 ) -> Axes:
-    """Draw the values of a variable as bars with whiskers of two standard errors; nan has no bar.
+    """Draw a variable as bars with whiskers of two standard errors; nan has no bar.
 
     Parameters
     ----------
@@ -318,10 +317,16 @@ def bars(
     return _titled(finished(ax, *labels), data, quantity)
 
 
-def heat_map(ax: Axes, x: Any, y: Any, values: Any, label: str, **options: Any) -> Any:
-    """Draw values (x, y) in colours over equal axes [m], with a colour bar if that has a label."""
+def heat_map(
+    ax: Axes, x: Any, y: Any, values: Any, label: str, *, colors: Any = None,
+    norm: Normalize | None = None, vmin: float | None = None, vmax: float | None = None,
+) -> Any:  # fmt: skip
+    """Draw values (x, y) as a colour map with equal axes [m]; a label adds a colour bar."""
     # matplotlib takes lines along y first
-    image = ax.pcolormesh(x, y, values.T, shading="nearest", rasterized=True, **options)
+    image = ax.pcolormesh(
+        x, y, values.T, shading="nearest", cmap=colors, norm=norm, vmin=vmin, vmax=vmax,
+        rasterized=True,
+    )  # fmt: skip
     if label:
         ax.figure.colorbar(image, ax=ax, label=label)
     seen_from_above(ax)
@@ -329,7 +334,7 @@ def heat_map(ax: Axes, x: Any, y: Any, values: Any, label: str, **options: Any) 
 
 
 def seen_from_above(ax: Axes) -> Axes:
-    """Return axes of places: x and y [m] at one scale, with round numbers and no grid."""
+    """Set up axes as a map: x and y [m] at equal scale, round ticks, no grid."""
     ax.set(aspect="equal", xlabel=axis_label("x"), ylabel=axis_label("y"))
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
@@ -338,7 +343,7 @@ def seen_from_above(ax: Axes) -> Axes:
 
 
 def density(ax: Axes, edges: Any, values: Any, stderr: Any, least: float, label: str) -> None:
-    """Draw a histogram as an outline, with a band of two standard errors above a least value."""
+    """Draw a histogram as an outline with a band of two standard errors above a least value."""
     steps = ax.stairs(values, edges, lw=1.5, label=label)
     low, high = (np.maximum(values + s * stderr, least) for s in (-2.0, 2.0))
     color = steps.get_edgecolor()

@@ -1,4 +1,4 @@
-"""Web pages of scenes: one file with the scene of the explorer, its data and nothing to load."""
+"""Interactive web pages of scenes, as self-contained files."""
 
 from __future__ import annotations
 
@@ -9,22 +9,25 @@ import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from string import Template
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex, to_rgb
 from trame_client.module import vue3
 
+from meshtrace.daylight import Daylight
+from meshtrace.engine.paths import PhotonPaths
 from meshtrace.files import atomic
 from meshtrace.link import Link
 from meshtrace.link.sources import AirLamp, WaterSource
 from meshtrace.mesh import MeshSource, TriangleMesh
 from meshtrace.results.gain import GainResult
+from meshtrace.results.series import CoverageMap
 
 from . import live, parts
 from .export import require_suffix, to_pyvista
-from .scenes import SceneStyle, Shown, caption, light_of, shown_mesh
+from .scenes import SceneStyle, caption, light_of, shown_mesh
 from .stage import stage_of
 from .style import FATE_COLORS, PALETTE, RECEIVER_COLOR, water_map
 
@@ -42,20 +45,23 @@ def save_html(
     time: float = 0.0,
     gain: GainResult | None = None,
     title: str = "meshtrace",
-    **shown: Unpack[Shown],
+    paths: PhotonPaths | int | None = None,
+    received: PhotonPaths | int | None = None,
+    coverage: CoverageMap | int | None = None,
+    seed: int = 1,
+    daylight: Daylight | None = None,
+    style: SceneStyle = SceneStyle(),  # noqa: B008
 ) -> Path:
-    """Write a link over a sea as an interactive web page, a file that loads nothing.
+    """Write a link over a sea as an interactive web page in one self-contained file.
 
     Parameters
     ----------
-    link, surface, time, gain
+    link, surface, time, gain, paths, received, coverage, seed, daylight, style
         As in `scene`.
     path : path
         File, .html.
     title : str
         Heading.
-    **shown
-        `paths`, `received`, `coverage`, `seed`, `daylight` and `style` as in `scene`.
 
     Returns
     -------
@@ -72,13 +78,12 @@ def save_html(
     The page draws as the explorer does, by WebGL. It names what it leaves out of `scene`, such as
     the edges of facets.
     """
-    path, style = require_suffix(path, (".html", ".htm")), shown.get("style", SceneStyle())
+    path = require_suffix(path, (".html", ".htm"))
     stage = stage_of(link, surface, style.extent)
     mesh = shown_mesh(surface, stage, time, style.spacing or stage.half / _CELLS)
     paths, _, received, coverage = light_of(
-        link, surface, stage, time, paths=shown.get("paths"), received=shown.get("received"),
-        coverage=shown.get("coverage"), seed=shown.get("seed", 1),
-    )  # fmt: skip
+        link, surface, stage, time, paths=paths, received=received, coverage=coverage, seed=seed
+    )
     drawn, notes = _thinned(mesh), _left_out(link, style)
     if drawn is not mesh:
         notes.append(f"surface thinned from {len(mesh.faces):,} to {len(drawn.faces):,} facets")
@@ -97,7 +102,7 @@ def save_html(
         "stage": live.stage_part(stage, link),
         "faces": drawn.faces.astype(np.uint32).tobytes(),
         "sea": sea,
-        "look": live.look_part(link, surface, drawn, shown.get("daylight")),
+        "look": live.look_part(link, surface, drawn, daylight),
         "link": live.link_part(link, stage),
         "bodies": [] if link is None else live.bodies_part(link, stage),
         "rays": np.concatenate(rays).tobytes() if rays else b"",
@@ -120,7 +125,7 @@ def save_html(
 
 
 def _filled(words: dict[str, str], key: dict[str, str], bars: list[str], data: str) -> str:
-    """Return the page with its words, its key (colours by label), colour bars and packed data."""
+    """Fill the template of the page with words, key (colours by label), colour bars and data."""
     template = Template((live.ASSETS / "page.html").read_text(encoding="utf-8"))
     scripts = [_VUE, *(live.ASSETS / name for name in ("shaders.js", "scene.js", "page.js"))]
     escaped = {name: html.escape(text) for name, text in words.items()}
@@ -141,7 +146,7 @@ def _text(path: Path) -> str:
 
 
 def _packed(data: dict[str, Any]) -> str:
-    """Return the parts of a scene as text, arrays of bytes within as {"bytes": base64}."""
+    """Encode the parts of a scene as compressed text, with bytes as {"base64": text}."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, bytes):
@@ -153,7 +158,7 @@ def _packed(data: dict[str, Any]) -> str:
 
 
 def _thinned(mesh: TriangleMesh) -> TriangleMesh:
-    """Return a mesh with few enough facets for a page, by the quadric error of merged edges."""
+    """Thin a mesh to few enough facets for a page, by quadric edge collapse."""
     n = len(mesh.faces)
     if n <= _MOST_FACETS:
         return mesh
@@ -166,7 +171,7 @@ def _thinned(mesh: TriangleMesh) -> TriangleMesh:
 
 
 def _left_out(link: Link | None, style: SceneStyle) -> list[str]:
-    """Return in words what a scene shows and the page does not."""
+    """List in words what the scene shows but the page does not."""
     words = []
     if style.edges:
         words.append("edges of the facets")
@@ -182,7 +187,7 @@ def _left_out(link: Link | None, style: SceneStyle) -> list[str]:
 
 
 def _tints(mesh: TriangleMesh, style: SceneStyle) -> tuple[Any, list[str]]:
-    """Return the colours (n, 3) of a surface at its vertices, and the bar that explains them."""
+    """Return the colours (n, 3) of the vertices of a surface, and their colour bar."""
     if style.color == "plain":
         return np.broadcast_to(to_rgb(PALETTE["blue"]), mesh.vertices.shape), []
     values = np.asarray(to_pyvista(mesh).point_data[style.color])
@@ -192,7 +197,7 @@ def _tints(mesh: TriangleMesh, style: SceneStyle) -> tuple[Any, list[str]]:
 
 
 def _key(link: Link | None, rays: Sequence[Any]) -> dict[str, str]:
-    """Return the colours of the parts and of the kinds of rays in the scene."""
+    """Return the key of the scene: colours of its parts and kinds of rays by label."""
     if link is None:
         return {}
     source = link.transmitters[0]

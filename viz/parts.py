@@ -51,7 +51,7 @@ def add_surface(
     edges: bool = False,
     opacity: float = 0.9,
     shaded: ShadedSea | None = None,
-    light: str = "white",
+    light_color: str = "white",
 ) -> ScenePlotter:
     """Draw the sea surface within the stage.
 
@@ -72,7 +72,7 @@ def add_surface(
         0 for clear, 1 for opaque.
     shaded : ShadedSea, optional
         Colours of "water"; by default those of this mesh, without wind, in the default daylight.
-    light : str
+    light_color : str
         Colour of the light on "water": grey for dusk.
 
     Returns
@@ -88,7 +88,7 @@ def add_surface(
     scene.shown["surface"] = mesh
     data: Any = to_pyvista(mesh)
     if color == "water":
-        _add_water(scene, data, shaded or ShadedSea(mesh, SeaLight()), opacity, edges, light)
+        _add_water(scene, data, shaded or ShadedSea(mesh, SeaLight()), opacity, edges, light_color)
         return scene
     data = _within(data, scene.stage.bounds)
     look: dict[str, Any] = {"color": PALETTE["blue"]}
@@ -105,7 +105,7 @@ def add_surface(
 
 
 def limits_of(values: Any, color: str, color_limit: float | None) -> tuple[float, float]:
-    """Return the ends of the colour scale of a surface, by `add_surface`."""
+    """Return the limits of the colour scale of a surface; see `add_surface`."""
     if color_limit is not None:
         return (0.0 if color == "slope" else -color_limit, color_limit)
     if color != "elevation":
@@ -122,7 +122,7 @@ def _add_water(
     scene: ScenePlotter, data: pv.PolyData, shaded: ShadedSea, opacity: float, edges: bool,
     light_color: str,
 ) -> None:  # fmt: skip
-    """Draw a surface in the colours that the camera sees; `look` computes them anew."""
+    """Draw the water as seen from the camera; `look` updates its colours."""
     if textured := shaded.grid is not None:
         u, v = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in shaded.grid), indexing="ij")
         data.active_texture_coordinates = np.column_stack([u.ravel(), v.ravel()])
@@ -156,7 +156,7 @@ def _add_water(
 
 
 def _within(data: pv.PolyData, bounds: Any, axes: int = 2) -> pv.PolyData:
-    """Cut facets at the sides of the stage, beyond which a choppy sea reaches; of 3 axes all."""
+    """Clip facets to the stage along its first `axes`; choppy seas reach beyond its sides."""
     # bounds: x0, x1, y0, y1, z0, z1
     for i, normal in enumerate(np.eye(3)[:axes]):
         low, high = bounds[2 * i : 2 * i + 2]
@@ -199,7 +199,7 @@ def add_bubbles(
     faces: Any = np.arange(3 * len(corners)).reshape(-1, 3)
     block = pv.PolyData.from_regular_faces(corners.reshape(-1, 3), faces)
     if not near:
-        # of a wave that hangs over the edge of the mesh runs to and fro above its foot
+        # where a wave hangs over, the edge of the mesh runs back and forth above its foot
         (x0, y0, _), (x1, y1, _) = mesh.bounds
         foot = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
         foot = foot if mesh.overhangs else mesh.vertices[outline(mesh)[:-1], :2]
@@ -211,13 +211,12 @@ def add_bubbles(
     dark = _darkness(scene, np.pad(levels[:, None], ((0, 0), (2, 0))))
     shallow, deep = (np.array(to_rgb(c)) for c in (SHALLOW, scene.deep))
     # near sides face the camera: culling removes the others; opacities are tuned
-    water: Any = ("near water", "back", 0.302) if near else ("water", "front", 0.97)
-    name, culling, alpha = water
+    name, alpha = ("near water", 0.302) if near else ("water", 0.97)
     block.point_data["z"] = block.points[:, 2]
     scene.add_mesh(
         block, scalars="z", cmap=ListedColormap(shallow + dark * (deep - shallow)),
         clim=(bottom, 0.0), opacity=alpha, lighting=False, show_scalar_bar=False, name=name,
-        culling=culling,
+        culling="back" if near else "front",
     )  # fmt: skip
     if bubbles is not None and not near:
         _add_points(scene, mesh, bubbles)
@@ -225,7 +224,7 @@ def add_bubbles(
 
 
 def walls(mesh: TriangleMesh, bottom: float) -> np.ndarray:
-    """Return the triangles (n, 3, 3) [m] of the sides of the water from the edge of a mesh down.
+    """Return the triangles (n, 3, 3) [m] of the side walls of the water below a mesh.
 
     They are anticlockwise from outside. Where the edge of a wave that hangs over stays in a plane
     they fill what it encloses with the foot, so that air below the crest stays free.
@@ -239,7 +238,7 @@ def walls(mesh: TriangleMesh, bottom: float) -> np.ndarray:
     close = 1e-6 * max(x1 - x0, y1 - y0)
     ends_of_mesh = (1, y0), (0, x1), (1, y1), (0, x0)
     on = np.stack([np.abs(ring[:, k] - end) < close for k, end in ends_of_mesh])
-    # the side of each piece of the edge: -1 for one of its own, as of a mesh without straight sides
+    # the side of the mesh that each piece of the edge lies on; -1: none, as of a round mesh
     both = on[:, :-1] & on[:, 1:]
     side = np.where(both.any(axis=0), both.argmax(axis=0), -1)
     start = int(np.argmax(side != np.roll(side, 1)))  # of a side
@@ -257,7 +256,7 @@ def walls(mesh: TriangleMesh, bottom: float) -> np.ndarray:
 
 
 def cut_to(mesh: TriangleMesh, bounds: Any) -> TriangleMesh:
-    """Return the part of a mesh within the limits x, x, y, y [m], or all of one that has none."""
+    """Clip a mesh to the limits x, x, y, y [m]; one that lies outside stays whole."""
     data: Any = to_pyvista(mesh)
     data.point_data["normal"] = mesh.vertex_normals
     cut = _within(data, bounds)
@@ -295,12 +294,12 @@ def _add_points(scene: ScenePlotter, mesh: TriangleMesh, bubbles: BubblePopulati
 
 
 def bubble_words(bubbles: BubblePopulation) -> str:
-    """Return the words for bubbles in a key."""
+    """Return the label of bubbles in a key."""
     return f"bubbles, {float(bubbles.b(0.0)):.2g} 1/m at the surface"
 
 
 def bubble_points(stage: Stage, mesh: TriangleMesh, bubbles: BubblePopulation) -> np.ndarray:
-    """Return points (n, 3) [m], as many at each depth as bubbles scatter there."""
+    """Sample points (n, 3) [m] whose density follows the scattering by bubbles."""
     rng = np.random.default_rng(1)
     depth = np.linspace(0.0, -stage.bottom, 2001)
     b = bubbles.b(depth)
@@ -335,7 +334,7 @@ def outline(mesh: TriangleMesh) -> np.ndarray:
 
 
 def add_bodies(scene: ScenePlotter, link: Link) -> ScenePlotter:
-    """Draw the part on the stage of every body of a link, darker below as the water is."""
+    """Draw the bodies of a link within the stage, darker with depth as the water is."""
     for i, body in enumerate(link.bodies, 1):
         scene.shown[f"body_{i}"] = body
         facets: Any = to_pyvista(body)
@@ -392,14 +391,14 @@ def add_transmitter(
 
 
 def words_of(item: Source | Aperture) -> list[str]:
-    """Return the words for the kind of a source or receiver and, if it has one, height or depth."""
+    """Describe a source or receiver by its kind and, if it has one, its height or depth."""
     name = "LED" if getattr(item, "pattern", "") == "led" else item.kind.replace("-", " ")
     keys = [key for key in ("height", "depth") if hasattr(item, key)]
     return [name, *(f"{key} {getattr(item, key):g} m" for key in keys)]
 
 
 def _add_sky(scene: ScenePlotter, source: Any, labels: bool) -> None:
-    """Draw the square of the sea under a sun or sky, with the direction of the light."""
+    """Draw the illuminated square of a sun or sky, with the direction of its light."""
     stage, half = scene.stage, source.half_width  # [m]
     direction, target = np.array(source.axis), np.array(source.center)
     square = pv.Plane(center=target, i_size=2.0 * half, j_size=2.0 * half).extract_feature_edges()
@@ -419,7 +418,7 @@ def add_receiver(
     labels: bool = True,
     aside: float = 0.0,
 ) -> ScenePlotter:
-    """Draw every receiver: its disk, enlarged for visibility, and its field of view.
+    """Draw every receiver as a disk, enlarged to be visible, with its field of view.
 
     Texts are at least `aside` [m] from the receiver, beside a map around it.
     """
@@ -446,7 +445,7 @@ def add_receiver(
 
 
 def _label(scene: ScenePlotter, place: Vector, shift: float, text: str) -> None:
-    """Write a text next to a place [m], at a distance relative to the size of the stage."""
+    """Write a text beside a place [m], at a distance relative to the size of the stage."""
     beside = np.array(place) + np.array([shift * scene.stage.size, 0.0, 0.0])
     add_labels(scene, [beside], [text], align="left")
 
@@ -491,7 +490,7 @@ _IN_AIR = 0.25  # tuned: brightness of a beam in the air, which scatters next to
 def _add_beam(
     scene: ScenePlotter, mesh: TriangleMesh, c: float, apex: Vector, axis: Vector, half_deg: float
 ) -> None:
-    """Draw the light of a lamp as nested cones that fade over their length s as exp(-c s).
+    """Draw the beam of a lamp as nested cones that fade with distance s as exp(-c s).
 
     In the air they do not fade; c is the attenuation of the water [m-1].
     """
@@ -511,7 +510,7 @@ def _add_beam(
 def cone_rim(
     mesh: TriangleMesh, apex: Vector, axis: Vector, half_deg: ArrayLike, longest: float
 ) -> np.ndarray:
-    """Return the outlines of cones on the surface, closed, shape (*half_deg.shape, 97, 3) [m].
+    """Return the closed outlines of cones on the surface, (*half_deg.shape, 97, 3) [m].
 
     Rays without a crossing within `longest` [m] end there.
     """
@@ -535,7 +534,7 @@ def add_uav(scene: ScenePlotter, link: Link) -> ScenePlotter:
 
 
 def carried(link: Link) -> Iterator[tuple[Vector, Vector]]:
-    """Yield place and upward axis of each aircraft: one for each receiver or lamp in the air."""
+    """Yield the place and upward axis of each aircraft, one per receiver or lamp in the air."""
     for receiver in link.receivers:
         if isinstance(receiver, Receiver):
             yield receiver.center, receiver.axis

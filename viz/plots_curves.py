@@ -15,7 +15,7 @@ from meshtrace.errors import Described, Refused
 from meshtrace.fields import FIELDS, attrs
 from meshtrace.results.series import ByWavelength, by_wavelength
 
-from .marks import along, axes, curves, finished, lines, note, variable, with_clear_legend
+from .marks import along, axes, curves, finished, lines, note, variable
 from .style import INK, label_of, number, verbatim
 
 if TYPE_CHECKING:  # studies take as long to import as matplotlib
@@ -30,7 +30,7 @@ BER_SHOWN = (1e-9, 1.0)
 def plot_curves(
     data: xr.Dataset, quantity: str, *, style: str = "-", ax: Axes | None = None
 ) -> Axes:
-    """Plot a variable over its last dimension, one curve for each value of the other one.
+    """Plot a variable over its last dimension, one curve per value of the other one.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def plot_phase_cdf(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
 def plot_bubble_profile(
     data: xr.Dataset, *, quantity: str = "b_bub", ax: Axes | None = None
 ) -> Axes:
-    """Plot `b_bub` or `n_bubbles` along the abscissa, and `depth` [m] downwards as ordinate."""
+    """Plot a profile of `b_bub` or `n_bubbles` over `depth` [m], which increases downwards."""
     z, _ = along(data, quantity)
     ax = axes(ax)
     most = float(data[quantity].max())
@@ -197,7 +197,7 @@ def plot_spreading(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
 def plot_sweep(
     data: xr.Dataset, *, quantity: str = "gain", log: bool = True, ax: Axes | None = None
 ) -> Axes:
-    """Plot a quantity of a sweep over one parameter, with a curve for each choice of the others.
+    """Plot a quantity of a sweep over one parameter, one curve per combination of the others.
 
     Parameters
     ----------
@@ -235,11 +235,11 @@ def plot_sweep(
         error_rates(ax, shown, 1e-3)
     if quantity in data and "light" in data[quantity].attrs:
         ax.set_title(f"background light: {data[quantity].light}", fontsize=9, pad=16)
-    return with_clear_legend(finished(ax, legend=False, yscale="log" if log else "linear"))
+    return finished(ax, legend=False, clear=True, yscale="log" if log else "linear")
 
 
 def _over_parameters(data: xr.Dataset, quantity: str) -> tuple[xr.Dataset, list[str]]:
-    """Return a variable (curve, abscissa), and the parameters in which the curves differ.
+    """Return a variable as (curve, abscissa), and the parameters in which the curves differ.
 
     It is averaged over realizations.
     """
@@ -282,7 +282,7 @@ def plot_ber(data: xr.Dataset, *, ax: Axes | None = None) -> Axes:
 
 
 def error_rates(ax: Axes, data: xr.Dataset, limit: float) -> Axes:
-    """Set the axis of plotted error rates `ber`, and draw a line at a limit.
+    """Set up the axis of plotted error rates `ber`, and draw a line at a limit.
 
     Rates below the axis become triangles at its lower end. A line without markers gets them only
     if all of it is below: otherwise it is seen to leave the axis.
@@ -303,7 +303,7 @@ def error_rates(ax: Axes, data: xr.Dataset, limit: float) -> Axes:
 def plot_performance(
     performance: LinkPerformance, *, quantity: str = "ber", ax: Axes | None = None
 ) -> Axes:
-    """Plot a quantity of a link over depth with its confidence band, one curve for each bit rate.
+    """Plot a quantity of a link over depth with its confidence band, one curve per bit rate.
 
     At a single depth, the abscissa is the bit rate.
 
@@ -345,7 +345,7 @@ def _light_name(performance: LinkPerformance) -> str:
 
 
 def plot_winds(result: DepthSweep, *, ax: Axes | None = None) -> Axes:
-    """Plot the bit error rate at the first bit rate over depth, one curve for each wind speed.
+    """Plot the bit error rate at the first bit rate over depth, one curve per wind speed.
 
     At a single depth, the abscissa is the wind speed, with one curve for each bit rate.
     """
@@ -364,14 +364,14 @@ def plot_winds(result: DepthSweep, *, ax: Axes | None = None) -> Axes:
 
 
 def _by_rate(data: xr.Dataset) -> xr.Dataset:
-    """Return a dataset with curves named by bit rate; at a single depth, without that dimension."""
+    """Name the curves of a dataset by bit rate, or drop the dimension of a single depth."""
     if data.sizes.get("depth") == 1:
         return data.isel(depth=0, drop=True)
     return data.assign_coords(bit_rate=[f"{r / 1e6:g} Mbit/s" for r in data["bit_rate"].values])
 
 
 def positive(data: xr.Dataset, quantity: str) -> xr.Dataset:
-    """Return a dataset for a logarithmic axis: values of 0 become nan, lower limits of 0 tiny."""
+    """Prepare a variable for a logarithmic axis: zeros become nan, lower limits of 0 tiny."""
     values = variable(data, quantity)
     shown = data.assign({quantity: values.where(values > 0.0)})
     # a band down to 0 reaches below the axis, but must have a logarithm

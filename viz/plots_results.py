@@ -1,4 +1,4 @@
-"""Plots of results: gains, fading, maps, pulses, eye diagrams, light by day."""
+"""Plots of results: gains, fading, maps, pulses, eye diagrams, daylight."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _FITS = {"lognormal": "fit_lognormal", "gamma-gamma": "fit_gamma_gamma"}
 
 
 def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
-    """Plot the fates of analog light, or the gain of forced detection by order of scattering.
+    """Plot the fates of analog photons, or the gain of forced detection by order of scattering.
 
     Parameters
     ----------
@@ -59,26 +59,22 @@ def plot_gain(result: GainResult, *, ax: Axes | None = None) -> Axes:
     # a logarithmic axis has no place for 0
     gains = gains[:, : last + 1]
     quantities = {"gain": np.where(gains > 0.0, gains, np.nan)}
-    data = marks.dataset(quantities, receiver=receivers, order=range(last + 1))
+    data = marks.dataset(quantities, {"receiver": receivers, "order": range(last + 1)})
     shown = data if len(gains) > 1 else data.isel(receiver=0)
     ax = marks.lines(ax, shown, "gain", ("o:",), lw=0.8)
     if highest > 0.0:
         # below the smallest that is shown there is room for its dot
         ax.set(yscale="log", ylim=(0.5 * _SHOWN * highest, 2.0 * highest))
     ax.set_xlim(-0.6, last + 0.6)
-    ax.set_title(_gain_in_words(result), loc="left")
+    pairs = zip(result.gains, result.stderrs, strict=True)
+    words = [f"{number(gain, '.3e')} ± {number(error, '.1e')}" for gain, error in pairs]
+    more = ", ..." if len(words) > 3 else ""
+    ax.set_title(f"gain {', '.join(words[:3])}{more}", loc="left")
     return ax
 
 
-def _gain_in_words(result: GainResult) -> str:
-    """Return the gains of a result with their standard errors as text."""
-    pairs = zip(np.ravel(result.gain), np.ravel(result.gain_stderr), strict=True)
-    words = [f"{number(gain, '.3e')} ± {number(error, '.1e')}" for gain, error in pairs]
-    return "gain " + ", ".join(words[:3]) + (", ..." if len(words) > 3 else "")
-
-
 def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
-    """Plot the fates of the light as bars with numbers: shares of the launched weight.
+    """Plot the fates of photons as labelled bars: shares of the launched weight.
 
     Parameters
     ----------
@@ -100,7 +96,8 @@ def plot_fates(result: GainResult, *, ax: Axes | None = None) -> Axes:
     if not shares:
         raise Refused("result", Described("no fates"), 'a result of estimator="analog"')
     meanings, values = [FATE_MEANING[Fate[name.upper()]] for name in shares], list(shares.values())
-    ax = marks.bars(ax, marks.dataset({"share": values}, fate=meanings), "share", across=True)
+    data = marks.dataset({"share": values}, {"fate": meanings})
+    ax = marks.bars(ax, data, "share", across=True)
     ax.bar_label(ax.containers[0], [number(v, ".2g") for v in values], padding=3, fontsize=9)  # type: ignore[arg-type]
     # room for the numbers beside the bars
     ax.set(xlabel="share of the emitted light", xlim=(0.0, 1.15 * max(values)))
@@ -136,7 +133,7 @@ def plot_gain_series(series: GainSeries | xr.Dataset, *, ax: Axes | None = None)
 
 
 def plot_correlation(series: GainSeries, *, ax: Axes | None = None) -> Axes:
-    """Plot the correlation of the fading of each two receivers, or pairs of lamp and receiver.
+    """Plot the correlation of fading between receivers, or between pairs of lamp and receiver.
 
     Parameters
     ----------
@@ -165,7 +162,8 @@ def plot_correlation(series: GainSeries, *, ax: Axes | None = None) -> Axes:
     ]
     columns = {"gain_correlation": [pair.correlation for pair in pairs]}
     columns["gain_correlation_stderr"] = [pair.stderr for pair in pairs]
-    ax = marks.bars(ax, marks.dataset(columns, pair=names), "gain_correlation", across=True)
+    data = marks.dataset(columns, {"pair": names})
+    ax = marks.bars(ax, data, "gain_correlation", across=True)
     ax.axvline(0.0, color=INK, lw=0.8)
     return ax
 
@@ -183,14 +181,9 @@ def plot_series(series: GainSeries, *, ax: Axes | None = None) -> Axes:
             text = f"correlation {pairs[0].correlation:.2f} ± {pairs[0].stderr:.2f}"
             ax.set_title(text, loc="left", fontsize=8)
         return ax
-    if pairs:
-        try:
-            return plot_correlation(series, ax=ax)
-        except Refused:  # of a single surface, or one that makes no light fade
-            return plot_gain_series(series, ax=ax)
     try:
-        return plot_gain_pdf(series, ax=ax)
-    except Refused:  # too few seas for a law, or seas without light
+        return plot_correlation(series, ax=ax) if pairs else plot_gain_pdf(series, ax=ax)
+    except Refused:  # too few seas, or seas without light or fading
         return plot_gain_series(series, ax=ax)
 
 
@@ -286,7 +279,7 @@ def plot_gain_cdf(
     n_effective: float | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot the logarithmic distribution function of the gain with a 95 % band and fitted laws.
+    """Plot the distribution function of the gain with a 95 % band and fitted laws.
 
     Parameters
     ----------
@@ -366,7 +359,8 @@ def plot_autocorrelation(statistics: fading.FadingStatistics, *, ax: Axes | None
     """
     if statistics.lag is None or statistics.autocorrelation is None:
         raise Refused("statistics", Described("of an ensemble"), "those of a time series")
-    data = marks.dataset({"autocorrelation": statistics.autocorrelation}, lag=statistics.lag)
+    curve = {"autocorrelation": statistics.autocorrelation}
+    data = marks.dataset(curve, {"lag": statistics.lag})
     ax = marks.lines(ax, data, "autocorrelation")
     ax.axhline(np.exp(-1.0), ls="--", color=INK, lw=0.8)
     tau = statistics.coherence_time
@@ -500,7 +494,7 @@ def plot_impulse_response(
 
 
 def plot_background(result: Background | BackgroundSeries, *, ax: Axes | None = None) -> Axes:
-    """Plot the background radiance by its parts, as bars or over time.
+    """Plot the parts of the background radiance, as bars or over time.
 
     Parameters
     ----------
@@ -524,7 +518,7 @@ def plot_background(result: Background | BackgroundSeries, *, ax: Axes | None = 
 
 
 def plot_irradiance(series: IrradianceSeries, *, ax: Axes | None = None) -> Axes:
-    """Plot the irradiance under a moving sea over time, a line for each depth.
+    """Plot the irradiance under a moving sea over time, one line per depth.
 
     Parameters
     ----------
@@ -576,7 +570,7 @@ def plot_eye(eye: Eye, *, ax: Axes | None = None) -> Axes:
 
 
 def _cover(x: Floats, low: Floats, high: Floats, color: str) -> PathPatch:
-    """Return the union of the bands of many curves (curves, n) as one patch."""
+    """Return the union of the bands of many curves (curves, n) as a single patch."""
     forward, backward = np.broadcast_to(x, low.shape), np.broadcast_to(x[::-1], low.shape)
     corners = np.stack([np.hstack([forward, backward]), np.hstack([low, high[:, ::-1]])], axis=-1)
     closed = np.concatenate([corners, corners[:, :1]], axis=1)

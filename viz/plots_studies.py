@@ -65,7 +65,7 @@ def plot_comparison(result: studies.Comparison, *, ax: Axes | None = None) -> Ax
 
 
 def plot_duplex(result: studies.Duplex, *, ax: Axes | None = None) -> Axes:
-    """Plot the gains of both directions over their means, over time or realizations.
+    """Plot the gain of both directions, relative to its mean, over time or realizations.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def plot_duplex(result: studies.Duplex, *, ax: Axes | None = None) -> Axes:
     gains = [series.gains[:, 0] / series.gains[:, 0].mean() for series in (result.up, result.down)]
     name, times = result.up.along, result.up.coordinate
     places = times if name == "time" else range(len(times))
-    data = marks.dataset({"gain over its mean": gains}, way=["up", "down"], **{name: places})
+    data = marks.dataset({"gain over its mean": gains}, {"way": ["up", "down"], name: places})
     return marks.finished(marks.lines(ax, data, "gain over its mean"), ylim=(0.0, None))
 
 
@@ -126,7 +126,7 @@ def plot_convergence(study: studies.ConvergenceStudy, *, ax: Axes | None = None)
         n = 3 if np.isfinite(scatter).any() else 2
         quantities = {"error": errors_percent[:n]}
         quantities["error_stderr"] = percent * np.array([stderr, 0.0 * law, 0.0 * law])[:n]
-        data = marks.dataset(quantities, curve=named[:n], **{study.parameter: study.values})
+        data = marks.dataset(quantities, {"curve": named[:n], study.parameter: study.values})
         color = list(PALETTE.values())[k]
         marks.lines(ax, data, "error", ("o", "-", "^--"), (color,), lw=1.0, markersize=5)
         if not above.all():
@@ -164,7 +164,7 @@ def plot_fading_convergence(study: studies.FadingConvergence, *, ax: Axes | None
     n = 3 if np.isfinite(study.measured).any() else 2
     quantities = {"scintillation_index": indices[:n]}
     quantities |= {"scintillation_index_stderr": errors} if n == 3 else {}
-    data = marks.dataset(quantities, curve=names[:n], omega_max=study.omega_max)
+    data = marks.dataset(quantities, {"curve": names[:n], "omega_max": study.omega_max})
     ax = marks.lines(ax, data, "scintillation_index", ("-", "--", "o"))
     ax.axhline(study.all_waves, ls=":", label="all waves", color=INK, lw=0.8)
     ax.set_yscale("log")
@@ -172,7 +172,7 @@ def plot_fading_convergence(study: studies.FadingConvergence, *, ax: Axes | None
 
 
 def _over_steps(ax: Axes, values: Floats) -> Axes:
-    """Finish axes with a logarithmic abscissa on which each step of a study has a tick."""
+    """Finish axes with a logarithmic abscissa and a tick at each step of a study."""
     ax.set_xscale("log")
     ax.set_xticks(values, [f"{value:g}" for value in values])
     # each step is named; minor ticks of decades would only fall between the names
@@ -211,7 +211,7 @@ def plot_tornado(
     values = {"change": [b.change for b in bars], "change_stderr": [b.stderr for b in bars]}
     # of a dimensionless parameter, and of an angle
     names = [name.removesuffix(" 1").replace(" °", "°") for name in names]
-    data = marks.dataset(values, name=names, side=["lower", "higher"])
+    data = marks.dataset(values, {"name": names, "side": ["lower", "higher"]})
     # `bars` takes the groups first
     ax = marks.bars(ax, data.transpose(), "change", across=True, beside=False)
     ax.set_yticks(range(len(names)), names, fontsize=8)
@@ -225,7 +225,7 @@ def plot_tornado(
 
 
 def plot_pixels(signals: studies.PixelSignals, *, ax: Axes | None = None) -> Axes:
-    """Plot the counts of the pixels of a receiver: the signal beside the background.
+    """Plot the counts of the pixels of a receiver, signal and background side by side.
 
     Parameters
     ----------
@@ -270,7 +270,7 @@ def plot_pixels(signals: studies.PixelSignals, *, ax: Axes | None = None) -> Axe
 
 
 def plot_availability(a: studies.Availability, *, ax: Axes | None = None) -> Axes:
-    """Plot shares of the time by month, or over the key of the range where no input has months.
+    """Plot the availability by month, or over the parameter of the range if no input has months.
 
     Parameters
     ----------
@@ -289,14 +289,14 @@ def plot_availability(a: studies.Availability, *, ax: Axes | None = None) -> Axe
     if not a.months and a.parameter:
         errors = [a.curve_share_stderr, np.zeros_like(a.curve_share)]
         shares = {"share": [a.curve_share, a.curve_steady_share], "share_stderr": errors}
-        data = marks.dataset(shares, curve=names, curve_value=a.curve_value)
+        data = marks.dataset(shares, {"curve": names, "curve_value": a.curve_value})
         ax = marks.lines(ax, data, "share", ("-", "--"))
         ax.axhline(a.target, color=INK, lw=0.8)
         return marks.finished(ax, xlabel=label_of(a.parameter), ylim=(0.0, 1.0))
     periods = a.periods[1:] or a.periods
     each = np.array([p[1:5] for p in periods]).T
     shares = {"share": [each[0], each[2]], "share_stderr": [each[1], each[3]]}
-    data = marks.dataset(shares, curve=names, period=[p.name for p in periods])
+    data = marks.dataset(shares, {"curve": names, "period": [p.name for p in periods]})
     return marks.finished(marks.bars(ax, data, "share"), ylim=(0.0, 1.0))
 
 

@@ -1,11 +1,11 @@
-"""The light of a scene, and a link with its sea as one 3D scene."""
+"""A link with its sea and light as a 3D scene."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Annotated, Any, Literal, TypedDict
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pyvista as pv
@@ -100,17 +100,6 @@ class SceneStyle(Model, frozen=True):
     window_size: tuple[_Pixels, _Pixels] = SLIDE
 
 
-class Shown(TypedDict, total=False):
-    """Light and appearance of a scene: keywords shared by `scene`, movies and views."""
-
-    paths: PhotonPaths | int | None
-    received: PhotonPaths | int | None
-    coverage: CoverageMap | int | None
-    seed: int
-    daylight: Daylight | None
-    style: SceneStyle
-
-
 def scene(
     link: Link | None,
     surface: MeshSource | TriangleMesh,
@@ -201,7 +190,7 @@ def scene(
         plotter, shown, color=style.color, color_limit=style.color_limit, edges=style.edges,
         # VTK blends sheets in front of each other in the order of their facets
         opacity=1.0 if shown.overhangs else style.opacity, shaded=shaded,
-        light="white" if is_day(day) else _DUSK,
+        light_color="white" if is_day(day) else _DUSK,
     )  # fmt: skip
     if isinstance(surface, TriangleMesh):
         plotter.shown["surface"] = surface  # files have all of it
@@ -240,7 +229,7 @@ def light_of(
     coverage: CoverageMap | int | None,
     seed: int,
 ) -> tuple[PhotonPaths | None, PhotonPaths | None, PhotonPaths | None, CoverageMap | None]:
-    """Return the light of a scene, after tracing what is a number: paths, a map.
+    """Return the light of a scene; trace the paths and the map that are given as numbers.
 
     Paths are those of any photons, those of received light for the footprint, and those to draw.
     """
@@ -274,7 +263,7 @@ def _beside(coverage: CoverageMap, link: Link) -> float:
 def shown_mesh(
     surface: MeshSource | TriangleMesh, stage: Stage, time: float, spacing: float | None
 ) -> TriangleMesh:
-    """Return the surface within the stage: a sea as a mesh; of a mesh that part."""
+    """Return the surface within the stage as a mesh."""
     if isinstance(surface, TriangleMesh):
         return parts.cut_to(surface, stage.bounds)
     mesh_spacing = spacing or stage.half / 100.0
@@ -292,7 +281,7 @@ def wind_of(surface: Any) -> tuple[float | None, float]:
 
 
 def longest_left_out(surface: MeshSource | TriangleMesh) -> float | None:
-    """Return the wavelength [m] at which the band of a sea ends; None for a sea without waves.
+    """Return the shortest wavelength [m] in the band of a sea; None for a sea without waves.
 
     The longest wave left out has about that of the shortest wave in the band.
     """
@@ -303,7 +292,7 @@ def longest_left_out(surface: MeshSource | TriangleMesh) -> float | None:
 
 
 def texels_for(window_size: tuple[int, int]) -> int:
-    """Return the number of texels along a side of the water's colours, by the window's width."""
+    """Return the number of texels along a side of the water for the width of a window."""
     # a power of two, for fast transforms, near 1 / 1.5 of the pixels (tuned)
     return int(np.clip(2 ** round(math.log2(max(window_size[0], 1) / 1.5)), 64, 1024))
 
@@ -345,7 +334,7 @@ def received_light(
     paths: PhotonPaths | None,
     received: PhotonPaths | int | None,
 ) -> tuple[PhotonPaths | None, PhotonPaths | None]:
-    """Return paths of received light for the footprint, and those to draw."""
+    """Return the paths of received light for the footprint, and those to draw."""
     if isinstance(received, PhotonPaths):
         return received, received
     if received is not None:
@@ -430,12 +419,12 @@ _SOFT = 0.1  # width of the rim in which rays fade, over the size of the stage
 
 
 def path_segments(paths: PhotonPaths) -> tuple[np.ndarray, ...]:
-    """Return the indices of the path and of the first vertex of each straight piece of paths."""
+    """Return the indices of path and first vertex of each straight segment of paths."""
     return np.nonzero(np.arange(paths.what.shape[1] - 1) < paths.length[:, None] - 1)
 
 
 def _rays(scene: ScenePlotter, paths: PhotonPaths) -> tuple[pv.PolyData, int]:
-    """Cut photon paths into short segments; return these and the number of photons in the stage.
+    """Cut photon paths into short segments, and count the photons on the stage.
 
     Points have the weight, and a factor from 1 to 0 by which rays fade towards the sides of the
     stage, and towards their end unless that is an aperture.
@@ -504,7 +493,7 @@ FOOTPRINT_RANGE_DB = 20.0
 
 
 def add_footprint(scene: ScenePlotter, mesh: TriangleMesh, received: PhotonPaths) -> ScenePlotter:
-    """Draw the crossings of the received light, in decibels below the brightest spot.
+    """Draw where received light crosses the surface, in decibels below the brightest spot.
 
     Parameters
     ----------
@@ -540,7 +529,7 @@ def add_footprint(scene: ScenePlotter, mesh: TriangleMesh, received: PhotonPaths
 
 
 def _footprint(mesh: TriangleMesh, crossings: np.ndarray, blur: float) -> pv.StructuredGrid:
-    """Return a patch of the surface with the blurred density of crossings [dB below its peak]."""
+    """Return a surface patch with the blurred density of crossings [dB below its peak]."""
     from scipy.ndimage import gaussian_filter
 
     # cells of half the blur (standard deviation [m]), 4 of which contain nearly all light

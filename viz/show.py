@@ -1,4 +1,4 @@
-"""Output of a scene: a window, pictures, movies of a moving sea and of its light."""
+"""Output of scenes: a window, pictures, movies of a moving sea and of its light pattern."""
 
 from __future__ import annotations
 
@@ -8,16 +8,20 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from ctypes.util import find_library
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 import pyvista as pv
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap, Normalize, PowerNorm
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from numpy.typing import ArrayLike, NDArray
 
+from meshtrace.daylight import Daylight
+from meshtrace.engine.paths import PhotonPaths
 from meshtrace.engine.setup.options import Meshing
 from meshtrace.engine.simulate import simulate
 from meshtrace.errors import Described, Refused, require_finite, require_whole, require_writable
@@ -28,10 +32,10 @@ from meshtrace.mesh import MeshSource, SurfaceModel, TriangleMesh
 from meshtrace.parallel import paced
 from meshtrace.results.daylight import IrradianceSeries
 from meshtrace.results.gain import GainResult
-from meshtrace.results.series import GainSeries
+from meshtrace.results.series import CoverageMap, GainSeries
 
 from .export import SCENE_SUFFIXES, export_scene, require_suffix, save_screenshot
-from .scenes import RECEIVED_SHOWN, SceneStyle, Shown, scene
+from .scenes import RECEIVED_SHOWN, SceneStyle, scene
 from .style import CHALK, DUSK, FATE_COLORS, NIGHT, PALETTE, RC, axis_label, water_map
 
 SIZE = (1280, 640)
@@ -61,9 +65,14 @@ def save_movie(
     photons: int = 1024,
     quality: float = 8.0,
     progress: Callable[[int], None] | None = None,
-    **shown: Unpack[Shown],
+    paths: PhotonPaths | int | None = None,
+    received: PhotonPaths | int | None = None,
+    coverage: CoverageMap | int | None = None,
+    seed: int = 1,
+    daylight: Daylight | None = None,
+    style: SceneStyle = SceneStyle(),  # noqa: B008
 ) -> Path:
-    """Write a movie of a moving sea, with the gain up to each frame drawn next to it.
+    """Write a movie of a moving sea, with a plot of the gain up to each frame.
 
     Parameters
     ----------
@@ -86,9 +95,8 @@ def save_movie(
         Quality of the pictures of an .mp4, 0 to 10 (best); a step enlarges a file by 10 to 30 %.
     progress : callable, optional
         Called with 1 after each frame.
-    **shown
-        `paths`, `received`, `coverage`, `seed` (also of the gain), `daylight` and `style` as in
-        `scene`; a `color_limit` common to all frames by default.
+    paths, received, coverage, seed, daylight, style
+        As in `scene`; the seed is also that of the gain, and the frames have one `color_limit`.
 
     Returns
     -------
@@ -110,21 +118,22 @@ def save_movie(
     options = writer_options(path, rate, quality)
     # the waves that the gain of `time_series` has
     surface = resolve_band(link, surface, fading=True)
-    seed = shown.get("seed", 1)
     gain = gain or time_series(link, surface, frame_times, photons=photons, seed=seed)
     if not np.array_equal(gain.coordinate, frame_times):
         raise Refused("gain", Described("at other times"), "a series at the times of the frames")
     heights = surface.mesh(float(frame_times[0]), extent=20.0, spacing=1.0).vertices[:, 2]
-    style = shown.get("style", SceneStyle())
     # one colour scale for all frames: the elevations [m] of the first, 20 % more for later crests
     limit = style.color_limit or 1.2 * float(np.abs(heights).max()) or None
-    shown["style"] = style.replace(color_limit=limit, off_screen=True, window_size=_SCENE_SIZE)
+    style = style.replace(color_limit=limit, off_screen=True, window_size=_SCENE_SIZE)
 
     def pictures() -> Iterator[NDArray[np.uint8]]:
         plotter = None
         try:
             for time in map(float, frame_times):
-                plotter = scene(link, surface, time=time, plotter=plotter, **shown)
+                plotter = scene(
+                    link, surface, time=time, paths=paths, received=received, coverage=coverage,
+                    seed=seed, daylight=daylight, style=style, plotter=plotter,
+                )  # fmt: skip
                 yield np.asarray(plotter.screenshot(return_img=True))
         # also if a frame fails: no window stays open
         finally:
@@ -195,27 +204,28 @@ def save_light(
     mean = float(first.mean())
     brightest = min(_BRIGHTEST, max(2.0, 1.3 * float(first.max()) / mean))
     map_ends = [float(x) + np.array([-extent, extent]) for x in link.only_receiver.position]
-    maps = (
-        _Map(lines, axis_label("slope_x"), water_map(), Normalize(-steepest, steepest)),
-        _Map(
-            map_ends, "gain of unscattered light over its mean", norm=PowerNorm(0.5, 0.0, brightest)
-        ),
-    )
+    with mpl.rc_context(RC):
+        left, right = _figure(LIGHT_SIZE, 80).subplots(1, 2)
+        sea, label = Normalize(-steepest, steepest), "gain of unscattered light over its mean"
+        images = [
+            _add_map(left, lines, axis_label("slope_x"), water_map(), sea),
+            _add_map(right, map_ends, label, "inferno", PowerNorm(0.5, 0.0, brightest)),
+        ]
 
-    def frames() -> Iterator[_Values]:
+    def frames() -> Iterator[_Frame]:
         for i, time in enumerate(map(float, frame_times)):
             gain = light_pattern(link, surface, extent, step, time=time).gain if i else first
             slope = _sea_crossed(link, surface, extent, time)[1]
             titles = "sea that the light crosses", f"light {height:g} m above it, t = {time:.2f} s"
             yield (slope, gain / mean), titles
 
-    return _save_maps(path, maps, frames(), len(frame_times), options, progress)
+    return _save_maps(path, images, frames(), len(frame_times), options, progress)
 
 
 def _sea_crossed(
     link: Link, surface: Any, extent: float, time: float
 ) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
-    """Return the ends [m] and slopes of the patch of sea that the light of a map crosses."""
+    """Return the limits [m] and slopes of the sea patch crossed by the light of a map."""
     source, receiver = link.transmitters[0], link.only_receiver
     depth = getattr(source, "depth", 1.0)
     # paraxial Snell: rays run off sideways n times as far per metre of air as per metre of water
@@ -277,10 +287,13 @@ def save_irradiance(
     # shape (times, depths, nx, ny); the mean of each depth over time and place
     pattern = pattern / pattern.mean(axis=(0, 2, 3), keepdims=True)
     ends = [np.asarray(c)[[0, -1]] for c in (series.x, series.y)]
-    maps = [_Map(ends, "irradiance over its mean") for _ in depths_shown]
+    with mpl.rc_context(RC):
+        axes = _figure(LIGHT_SIZE, 80).subplots(1, len(depths_shown), squeeze=False)[0]
+        norm, label = PowerNorm(0.5, 0.0, _BRIGHTEST), "irradiance over its mean"
+        images = [_add_map(ax, ends, label, "inferno", norm) for ax in axes]
     titles = ([f"{depth:g} m deep, t = {t:.3f} s" for depth in depths_shown] for t in series.time)
     frames = zip(pattern, titles, strict=True)
-    return _save_maps(path, maps, frames, len(series.time), options, progress)
+    return _save_maps(path, images, frames, len(series.time), options, progress)
 
 
 def natural_rate(times: NDArray[np.float64]) -> float:
@@ -294,7 +307,7 @@ def natural_rate(times: NDArray[np.float64]) -> float:
 def writer_options(
     path: Path, frame_rate: float, quality: float = 8.0, stills: tuple[str, ...] = ()
 ) -> dict[str, Any]:
-    """Return the options of imageio for a movie (a still has none); refuse other files."""
+    """Return the options of imageio for a movie, none for a still; refuse other files."""
     if require_suffix(path, (*stills, ".mp4", ".gif")).suffix in stills:
         return {}
     if not frame_rate > 0.0:
@@ -343,7 +356,7 @@ _TEXTS = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "yti
 def _beside_gain(
     pictures: Iterable[NDArray[np.uint8]], gain: GainSeries
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield frames: pictures of the scene on the left, the gain up to their times on the right."""
+    """Yield frames with the scene on the left and the gain so far on the right."""
     from .plots_results import plot_gain_series
 
     figure, times, gains = _figure(SIZE, 100), gain.coordinate, gain.gains[:, 0]
@@ -378,45 +391,36 @@ def _beside_gain(
         yield _pixels(figure)
 
 
-class _Map(NamedTuple):
-    """A map of a movie: its ends along x and y [m], a label, colours with their range."""
-
-    ends: Sequence[Any]
-    label: str
-    colors: Any = "inferno"
-    norm: Normalize = PowerNorm(0.5, 0.0, _BRIGHTEST)
+_Frame = tuple[Any, Sequence[str]]  # arrays (nx, ny) of the maps, and their titles
 
 
-_Values = tuple[Any, Sequence[str]]  # of one frame: arrays (nx, ny) of the maps, and their titles
+def _add_map(ax: Axes, ends: Sequence[Any], label: str, colors: Any, norm: Normalize) -> AxesImage:
+    """Add an empty map between its ends along x and y [m], with a colour bar."""
+    from .marks import seen_from_above
+
+    extent: Any = np.concatenate(ends)
+    image = ax.imshow(
+        np.zeros((2, 2)), extent=extent, interpolation="bilinear", origin="lower", cmap=colors,
+        norm=norm,
+    )  # fmt: skip
+    extend = "both" if norm.vmin else "max"  # light has no values below 0
+    ax.figure.colorbar(image, ax=ax, label=label, extend=extend, shrink=0.78, aspect=18)
+    seen_from_above(ax)
+    return image
 
 
 @mpl.rc_context(RC)
 def _save_maps(
-    path: Path, maps: Sequence[_Map], frames: Iterable[_Values], total: int,
+    path: Path, images: Sequence[AxesImage], frames: Iterable[_Frame], total: int,
     options: dict[str, Any], progress: Callable[[int], None] | None,
 ) -> Path:  # fmt: skip
-    """Write maps side by side: the first frame as a .png, or all as a movie."""
-    from .marks import seen_from_above
-
-    figure = _figure(LIGHT_SIZE, 80)
-    axes = figure.subplots(1, len(maps), squeeze=False)[0]
-    images = []
-    for ax, panel in zip(axes, maps, strict=True):
-        extent: Any = np.concatenate(panel.ends)
-        image = ax.imshow(
-            np.zeros((2, 2)), extent=extent, interpolation="bilinear", origin="lower",
-            cmap=panel.colors, norm=panel.norm,
-        )  # fmt: skip
-        images.append(image)
-        extend = "both" if panel.norm.vmin else "max"  # light has no values below 0
-        label = panel.label
-        figure.colorbar(image, ax=ax, label=label, extend=extend, shrink=0.78, aspect=18)
-        seen_from_above(ax)
+    """Write the maps of a figure: the first frame as a .png, or all as a movie."""
+    figure: Any = images[0].figure
 
     def draw(values: Any, titles: Sequence[str]) -> Figure:
-        for ax, image, map_values, title in zip(axes, images, values, titles, strict=True):
+        for image, map_values, title in zip(images, values, titles, strict=True):
             image.set_data(map_values.T)
-            ax.set_title(title)
+            image.axes.set_title(title)
         return figure
 
     if path.suffix == ".png":
@@ -431,7 +435,7 @@ SUFFIXES = {
     "screenshot": (".png",),
     "html": (".html",),
     "movie": (".mp4", ".gif"),
-    "light": (".png", ".mp4", ".gif"),
+    "pattern": (".png", ".mp4", ".gif"),
 }
 """File name suffixes of each kind of output."""
 
@@ -447,14 +451,19 @@ def view(
     screenshot: str | Path | None = None,
     html: str | Path | None = None,
     movie: str | Path | None = None,
-    light: str | Path | None = None,
+    pattern: str | Path | None = None,
     export: str | Path | None = None,
     gain: GainSeries | GainResult | None = None,
     frames: int = 300,
     frame_rate: float | None = None,
     title: str = "meshtrace",
     progress: Callable[[int], None] | None = None,
-    **shown: Unpack[Shown],
+    paths: PhotonPaths | int | None = None,
+    received: PhotonPaths | int | None = None,
+    coverage: CoverageMap | int | None = None,
+    seed: int = 1,
+    daylight: Daylight | None = None,
+    style: SceneStyle = SceneStyle(),  # noqa: B008
 ) -> list[Path]:
     """Show a link over a sea in a window, or write pictures and data to files.
 
@@ -468,7 +477,7 @@ def view(
         Time of the sea [s], at which the movie begins.
     screenshot, html, movie : path, optional
         Files to write: .png, .html, .mp4 or .gif. Without any file or folder a window opens.
-    light : path, optional
+    pattern : path, optional
         Picture or movie of the light pattern to write, by `save_light`: .png, .mp4 or .gif.
     export : path, optional
         Folder for VTK files, or a file .glb, .gltf or .obj, by `export_scene`.
@@ -484,9 +493,8 @@ def view(
         Heading of the web page.
     progress : callable, optional
         Called with 1 after each frame of the movie.
-    **shown
-        `paths`, `received`, `coverage`, `seed`, `daylight` and `style` as in `scene`; by default
-        500 paths in pictures and none in movies.
+    paths, received, coverage, seed, daylight, style
+        As in `scene`; by default 500 paths in pictures and none in movies.
 
     Returns
     -------
@@ -499,23 +507,22 @@ def view(
         If a file could not be written, there is no display to open a window on, no OpenGL to draw
         with, or a movie of a mesh is requested.
     """
-    outputs = {"screenshot": screenshot, "html": html, "movie": movie, "light": light}
+    outputs = {"screenshot": screenshot, "html": html, "movie": movie, "pattern": pattern}
     require_outputs(outputs | {"export": export})
     window = not (any(outputs.values()) or export)
     if movie and (link is None or isinstance(surface, TriangleMesh)):
         raise Refused("movie", Described("of a mesh, which does not move"), "a link over a sea")
     series = gain if isinstance(gain, GainSeries) else None
     files: list[Path] = []
-    style, paths = shown.get("style", SceneStyle()), shown.get("paths")
     if window or screenshot or html or export:
-        # paths=0 asks for none; a surface alone has none
-        paths_of_still = (500 if paths is None else paths or None) if link is not None else None
-        seed = shown.get("seed", 1)
+        still_paths = 500 if paths is None else paths or None  # 0 asks for none
         caption_gain = gain if isinstance(gain, GainResult) else _gain_of(link, surface, time, seed)
-        still = shown.copy()
-        still["paths"], still["style"] = paths_of_still, style.replace(off_screen=not window)
         if window or screenshot or export:
-            plotter = scene(link, surface, time=time, gain=caption_gain, **still)
+            plotter = scene(
+                link, surface, time=time, paths=still_paths, received=received, coverage=coverage,
+                seed=seed, daylight=daylight, gain=caption_gain,
+                style=style.replace(off_screen=not window),
+            )  # fmt: skip
             if screenshot:
                 files.append(save_screenshot(plotter, screenshot))
             if export:
@@ -527,22 +534,23 @@ def view(
             from .page import save_html  # pictures need nothing of it
 
             files.append(save_html(
-                link, surface, html, time=time, gain=caption_gain, title=title, **still
+                link, surface, html, time=time, gain=caption_gain, title=title, paths=still_paths,
+                received=received, coverage=coverage, seed=seed, daylight=daylight, style=style,
             ))  # fmt: skip
-    if movie or light:
+    if movie or pattern:
         times, rate = _frames(series, time, frames, frame_rate)
     if movie and isinstance(link, Link) and isinstance(surface, MeshSource):
-        moving = shown.copy()
         # a movie shows received light only by default: other paths would hide the sea
-        moving["paths"], moving["received"] = paths or None, shown.get("received") or RECEIVED_SHOWN
         files.append(save_movie(
-            link, surface, times, movie, gain=series, frame_rate=rate, progress=progress, **moving
+            link, surface, times, movie, gain=series, frame_rate=rate, progress=progress,
+            paths=paths or None, received=received or RECEIVED_SHOWN, coverage=coverage, seed=seed,
+            daylight=daylight, style=style,
         ))  # fmt: skip
-    if light:
+    if pattern:
         if link is None or not isinstance(surface, SurfaceModel):
-            raise Refused("light", Described("of a mesh"), "a link over a sea")
+            raise Refused("pattern", Described("of a mesh"), "a link over a sea")
         files.append(save_light(
-            link, surface, light, times, extent=style.extent, frame_rate=rate, progress=progress
+            link, surface, pattern, times, extent=style.extent, frame_rate=rate, progress=progress
         ))  # fmt: skip
     return files
 
@@ -575,10 +583,10 @@ def _frames(
 
 
 def require_outputs(outputs: Mapping[str, str | Path | None]) -> None:
-    """Refuse outputs of a view that cannot be drawn or written, or a window without a display."""
+    """Refuse outputs that cannot be drawn or written, and a window without a display."""
     if not any(outputs.values()) and not has_display():
         raise Refused("view", Described("no display"), "screenshot, html, movie or export")
-    drawn = next((name for name in ("screenshot", "movie", "light") if outputs[name]), None)
+    drawn = next((name for name in ("screenshot", "movie", "pattern") if outputs[name]), None)
     if drawn and not can_draw():
         need = "html, which a browser draws, or libegl1 or libosmesa6 of the system"
         raise Refused(drawn, Described("no OpenGL"), need)
@@ -616,7 +624,7 @@ def can_draw() -> bool:
 
 @cache  # a view asks twice: the command before its work, and `view` itself
 def _window_class(off_screen: bool) -> str:
-    """Return the class of the windows of VTK."""
+    """Return the class name of windows of VTK."""
     with pv.vtk_verbosity("off"):
         plotter = pv.Plotter(off_screen=off_screen)
         window: Any = plotter.render_window

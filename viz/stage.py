@@ -47,7 +47,7 @@ SEA_EXTENT = 20.0
 
 
 class Stage(NamedTuple):
-    """The box that a scene shows [m]: centre, half-width, lowest and highest z."""
+    """Box shown by a scene [m]: centre, half-width, lowest and highest z."""
 
     center: tuple[float, float]
     half: float
@@ -82,7 +82,7 @@ class Stage(NamedTuple):
 
 
 def stage_of(link: Link | None, surface: MeshSource | TriangleMesh, extent: float | None) -> Stage:
-    """Return a box around the sources, the receivers and the surface between them.
+    """Return a box around the sources, receivers and the surface between them.
 
     Without a link it is the box around a mesh, or that of `SEA_EXTENT` for a sea. `extent` [m]
     replaces the half-width. Where it is smaller than depth or height, it limits these, too: a
@@ -116,7 +116,7 @@ def stage_of(link: Link | None, surface: MeshSource | TriangleMesh, extent: floa
 
 
 class ScenePlotter(pv.Plotter):
-    """A pyvista plotter with its stage and the key to its colours.
+    """Pyvista plotter with a stage and a key to its colours.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ class ScenePlotter(pv.Plotter):
             self.set_background(low, top=high)  # type: ignore[arg-type]
 
     def wipe(self) -> None:
-        """Remove all parts, but not the camera and the lights."""
+        """Remove all parts; camera and lights stay."""
         self.clear_actors()
         self.shade = None
         for drawn in (self.scalar_bars, self.key, self.texts, self.shown):
@@ -203,16 +203,17 @@ class ScenePlotter(pv.Plotter):
         return round(min(0.015 * self.window_size[0], 0.024 * self.window_size[1]))
 
     def write(self, text: str, left: float, bottom: float, color: str) -> None:
-        """Write a text at a place in the window, 0 ... 1 from the left and from below."""
+        """Write a text at a place in the window, 0 to 1 from the left and from the bottom."""
         self.add_text(
             text, position=(left, bottom), viewport=True, color=color, font_file=FONT_FILE,
             font_size=round(0.5 * self.font_size),
         )  # fmt: skip
 
     def add_tinted(
-        self, part: pv.DataSet, color: Any, alpha: ArrayLike, clipped: bool = False, **look: Any
-    ) -> None:
-        """Draw a part without shading, in the colours and opacities (0 ... 1) of its points.
+        self, part: pv.DataSet, color: Any, alpha: ArrayLike, clipped: bool = False,
+        line_width: float | None = None,
+    ) -> None:  # fmt: skip
+        """Draw a part unshaded, with a colour and opacity (0 ... 1) for each point.
 
         If `clipped`, only what lies on the stage is drawn.
         """
@@ -223,10 +224,10 @@ class ScenePlotter(pv.Plotter):
         part.point_data["tint"] = np.rint(255.0 * rgba).astype(np.uint8)
         part = part.clip_box(self.stage.bounds, invert=False) if clipped else part
         if part.n_cells:
-            self.add_mesh(part, scalars="tint", rgb=True, lighting=False, **look)
+            self.add_mesh(part, scalars="tint", rgb=True, lighting=False, line_width=line_width)
 
     def bar(self, title: str) -> Any:
-        """Return pyvista's options of a colour bar at the next free place along the right edge."""
+        """Return the options of pyvista for a colour bar in the next free place on the right."""
         place = len(self.scalar_bars)
         return {
             "title": "\n".join(textwrap.wrap(title, 14)),
@@ -244,7 +245,7 @@ class ScenePlotter(pv.Plotter):
         }
 
     def add_scalar_bar(self, *args: Any, **options: Any) -> Any:  # type: ignore[override]
-        """Add a colour bar as pyvista does, in the font of all other texts."""
+        """Add a colour bar in the font of all other texts."""
         bar = super().add_scalar_bar(*args, **options)
         if bar is None:  # pyvista has warned that there is no room for more
             return bar
@@ -328,7 +329,7 @@ def add_scale(scene: ScenePlotter) -> ScenePlotter:
 
 
 def _left_of_the_stage(scene: ScenePlotter) -> tuple[np.ndarray, np.ndarray]:
-    """Return the place (x, y, 0) of the ruler, left of all corners, and the unit vector right."""
+    """Return the place (x, y, 0) of the ruler, left of the stage, and the unit vector right."""
     camera, ahead = np.array(scene.camera.position), np.array(scene.camera.direction)
     right, corners = scene.frame[0], scene.stage.corners
     middle = np.array([*scene.stage.center, 0.0])
@@ -341,7 +342,7 @@ def _left_of_the_stage(scene: ScenePlotter) -> tuple[np.ndarray, np.ndarray]:
 def add_compass(
     scene: ScenePlotter, wind_speed: float | None, direction_deg: float = 0.0
 ) -> ScenePlotter:
-    """Draw a down-wind arrow in front of the edge of lowest y, with the wind speed [m s-1]."""
+    """Draw an arrow along the wind in front of the stage, with the wind speed [m s-1]."""
     s = scene.stage
     length = 0.16 * s.size
     angle = math.radians(direction_deg)
@@ -361,7 +362,7 @@ def add_caption(scene: ScenePlotter, text: str) -> ScenePlotter:
     """Write a caption along the lower edge of the window, above the key."""
     scene.caption = text
     row = max((row for _, _, row in _key_places(scene)), default=0) + 1
-    # breaks between clauses, whose own spaces are of another kind
+    # lines break between clauses alone: spaces within them are no-break spaces
     clauses = "; ".join(clause.replace(" ", "\N{NO-BREAK SPACE}") for clause in text.split("; "))
     for line in reversed(textwrap.wrap(clauses, int(1.0 / _letter(scene)))):
         scene.write(line, 0.02, 0.02 + 1.6 * (row + 0.25) * _row(scene), scene.chalk)
@@ -381,7 +382,7 @@ def add_key(scene: ScenePlotter) -> ScenePlotter:
 
 
 def _key_places(scene: ScenePlotter) -> list[tuple[str, float, int]]:
-    """Return the labels of the key with their places from the left, and rows from below."""
+    """Return the labels of the key with their distance from the left and row from the bottom."""
     places, left, row = [], 0.02, 0
     for label in scene.key:
         width = (len(label) + 4.3) * _letter(scene)
@@ -438,7 +439,7 @@ def round_length(length: float) -> float:
 
 
 def round_range(low: float, high: float) -> tuple[float, float]:
-    """Return the closest limits around two values, two round one-digit steps apart.
+    """Return the tightest limits around two values that are two one-digit steps apart.
 
     Examples
     --------

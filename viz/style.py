@@ -132,7 +132,7 @@ def axis_label(name: str) -> str:
 
 
 def printed_units(units: str) -> str:
-    """Return units as print has them: with raised powers in TeX, and ° for degrees."""
+    """Format units for print: exponents in TeX, and ° for degrees."""
     raised = re.sub(r"(?<=[A-Za-z])(-?\d+)", r"$^{\1}$", units)
     return "°" if units in ("degree", "deg") else raised
 
@@ -150,7 +150,7 @@ def label_of(name: str) -> str:
 
 
 def number(value: float, form: str = "g") -> str:
-    r"""Return a number as print has it: with a minus sign, and powers of ten in TeX.
+    r"""Format a number for print: with a minus sign, and powers of ten in TeX.
 
     Examples
     --------
@@ -165,7 +165,7 @@ def number(value: float, form: str = "g") -> str:
 
 
 def verbatim(text: object) -> str:
-    r"""Return the text of a user as one line that matplotlib draws as it stands, without TeX.
+    r"""Return the text of a user as one line that matplotlib draws without TeX.
 
     Examples
     --------
@@ -176,7 +176,7 @@ def verbatim(text: object) -> str:
 
 
 def plain_label(name: str) -> str:
-    """Return long name and units of a registered variable without TeX.
+    """Return the long name and units of a registered variable without TeX.
 
     Examples
     --------
@@ -230,6 +230,6 @@ _TO_RGB = np.array(
 
 
 def to_srgb(linear: Any) -> Any:
-    """Return linear light, 0..1, as sRGB."""
+    """Convert linear intensity, 0 to 1, to sRGB."""
     # linear near black, where a power would have no finite slope
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)

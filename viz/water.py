@@ -89,7 +89,7 @@ class SeaLight:
     def from_link(
         cls, link: Link | None, day: Daylight | None, wind: tuple[float | None, float]
     ) -> SeaLight:
-        """Return the light on the sea of a link; foam of its whitecaps' wind, else of the sea's.
+        """Return the light on the sea of a link; foam follows the wind of its whitecaps or the sea.
 
         Foam covers 2.95e-6 U^3.52 (Monahan and O'Muircheartaigh 1980), whatever the model of the
         link: others of its models cover a fifth of the sea at 15 m/s, which no photograph shows.
@@ -107,7 +107,7 @@ class SeaLight:
 
     @cached_property
     def upwelling(self) -> NDArray[np.float64]:
-        """Radiance that leaves the water over the irradiance of the sea [sr-1], red to blue.
+        """Water-leaving radiance over the irradiance of the sea [sr-1], red to blue.
 
         Notes
         -----
@@ -141,9 +141,8 @@ def short_waves(
     least: float,
     direction_deg: float = 0.0,
     time: float = 0.0,
-    seed: int = 1,
 ) -> tuple[NDArray[np.float32], tuple[float, float]]:
-    """Return the slopes of waves that a mesh leaves out, on a periodic n by n lattice.
+    """Return the slopes of waves too short for a mesh, on a periodic n by n lattice.
 
     Parameters
     ----------
@@ -159,8 +158,6 @@ def short_waves(
         Direction the wind blows to [deg].
     time : float
         Time [s], by which the waves move downwind.
-    seed : int
-        Seed of their phases.
 
     Returns
     -------
@@ -196,7 +193,7 @@ def short_waves(
     power = np.where(downwind, (1.0 + lean * np.cos(2.0 * angle)) / k**4, 0.0)
     # the sum is over half of the plane: the real part of such waves has half of their variance
     power *= 2.0 * resolved * total / (power * k**2).sum()
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     normal = rng.standard_normal((2, n, n), dtype=np.float32)
     # omega^2 = g k + T k^3, T = 7.4e-5 m3 s-2: surface tension over density
     phase = np.sqrt(9.81 * k + 7.4e-5 * k**3) * np.float32(time)
@@ -230,7 +227,7 @@ def foam_streaks(size: float, n: int, direction_deg: float) -> NDArray[np.float3
 
 
 def foam_cover(streaks: Floats, heights: Floats, share: float) -> Floats:
-    """Return the opacity of foam, 0 ... 1: more than a half on a share of all points.
+    """Return the opacity of foam, 0 ... 1, above a half on a given share of the points.
 
     Parameters
     ----------
@@ -329,7 +326,7 @@ def is_day(day: Daylight | None) -> bool:
 
 
 def backdrop(day: Daylight) -> tuple[str, str]:
-    """Return the colours behind a scene by day: of deep water below, of the sky above it."""
+    """Return the background colours of a scene by day: deep water below, sky above."""
     # towards the horizon all around, at an elevation of 20 degrees
     azimuth = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
     level, up = math.cos(math.radians(20.0)), np.full(16, math.sin(math.radians(20.0)))
@@ -344,12 +341,12 @@ _DAY_DEEP = "#0D3346"
 
 
 def _unit(vectors: Floats) -> Floats:
-    """Return the vectors (n, 3), divided by their lengths."""
+    """Normalise vectors (n, 3)."""
     return np.asarray(vectors / np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None])
 
 
 def screen_colors(radiances: Floats, foam: Floats | None = None) -> NDArray[np.uint8]:
-    """Return the colours (n, 3), 0 to 255, of radiances relative to white, below any foam."""
+    """Convert radiances relative to white to colours (n, 3), 0 to 255, covered by any foam."""
     if foam is not None:
         radiances = radiances + foam[:, None] * (FOAM_REFLECTANCE - radiances)
     exposed = EXPOSURE * np.maximum(radiances, 0.0)
@@ -358,7 +355,7 @@ def screen_colors(radiances: Floats, foam: Floats | None = None) -> NDArray[np.u
 
 
 class ShadedSea:
-    """Colours of a sea for any viewer; points are finer than a mesh on a grid.
+    """Colours of a sea for any viewer, at points finer than the vertices of a gridded mesh.
 
     Parameters
     ----------
@@ -390,7 +387,12 @@ class ShadedSea:
         self.grid, self._light, self._texels = grid_shape(mesh), sea_light, texels
         points, normals = mesh.vertices, mesh.vertex_normals
         if self.grid is not None:
-            points, normals = (refined(v.reshape(*self.grid, 3), texels) for v in (points, normals))
+            from scipy.ndimage import zoom  # here: coloured grids alone need it
+
+            finer = (texels / self.grid[0], texels / self.grid[1], 1.0)
+            points, normals = (
+                zoom(v.reshape(*self.grid, 3), finer, order=1) for v in (points, normals)
+            )
         self._points = points.reshape(-1, 3).astype(np.float32)
         normals = normals.reshape(-1, 3).astype(np.float32)
         low, high = mesh.bounds[:, :2]
@@ -410,7 +412,7 @@ class ShadedSea:
             self._foam = foam_cover(streaks, self._points[:, 2], sea_light.foam)
 
     def _on_lattice(self, values: Floats, start: Floats, size: float) -> Floats:
-        """Return the values of a periodic lattice of edge `size` [m] from `start` at all points."""
+        """Sample a periodic lattice of edge `size` [m], which begins at `start`, at all points."""
         n = len(values)
         i, j = np.floor((self._points[:, :2] - start) * (n / size)).astype(np.int64).T % n
         return values[i, j]
@@ -423,7 +425,7 @@ class ShadedSea:
 
 
 def left_out(mesh: TriangleMesh, longest: float | None) -> tuple[tuple[float, float], float]:
-    """Return slope variances of the waves that a mesh leaves out, and their least wavenumber.
+    """Return the slope variances and the least wavenumber of the waves that a mesh leaves out.
 
     The variances are those along and across the wind; the wavenumber [rad m-1] is that of `longest`
     [m], but of a wave of five edges where that is longer, or by default.
@@ -436,7 +438,7 @@ def left_out(mesh: TriangleMesh, longest: float | None) -> tuple[tuple[float, fl
 
 
 def grid_shape(mesh: TriangleMesh) -> tuple[int, int] | None:
-    """Return the numbers of vertices along x and y of a triangulated grid, None for others."""
+    """Return the number of vertices along x and y of a triangulated grid, None for other meshes."""
     # vertices are numbered i ny + j; the first facet is (0, ny, ny + 1)
     ny = int(mesh.faces[0, 1])
     nx, left = divmod(len(mesh.vertices), max(ny, 1))
@@ -444,15 +446,3 @@ def grid_shape(mesh: TriangleMesh) -> tuple[int, int] | None:
         return None
     within = mesh.faces - mesh.faces.min(axis=1, keepdims=True)  # offsets of corners in a cell
     return (nx, ny) if np.isin(within, (0, 1, ny - 1, ny, ny + 1)).all() else None
-
-
-def refined(values: Floats, n: int) -> Floats:
-    """Interpolate values (nx, ny, 3) linearly at n by n points over the same range."""
-    for axis in (0, 1):
-        places = np.linspace(0.0, values.shape[axis] - 1.0, n)
-        # places are in intervals of the grid; the last point belongs to the last interval
-        first = np.minimum(places.astype(int), values.shape[axis] - 2)
-        fraction = (places - first).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
-        low, high = values.take(first, axis), values.take(first + 1, axis)
-        values = low + fraction * (high - low)
-    return values

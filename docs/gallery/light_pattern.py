@@ -35,8 +35,7 @@ axes = figure.subplots(1, 2, sharey=True)
 for ax, pattern, title in zip(axes, maps, titles, strict=True):
     relative = pattern.gain / pattern.gain.mean()
     print(f"{title}: brightest cell {relative.max():.1f} times the mean")
-    look = {"cmap": "inferno", "norm": scale}
-    image = viz.marks.heat_map(ax, pattern.x, pattern.y, relative, "", **look)
+    image = viz.marks.heat_map(ax, pattern.x, pattern.y, relative, "", colors="inferno", norm=scale)
     ax.set_title(title)
 axes[1].set_ylabel("")
 label = "gain of unscattered light over its mean"

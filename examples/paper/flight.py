@@ -238,12 +238,14 @@ def surfaces(setting: Setting, seas: int) -> FigureOutput:
         axes[0, j].imshow(_shot(scene))
         axes[0, j].set(title=wind_name(wind))
         axes[0, j].set_axis_off()
-        colors: Any = {"cmap": viz.water_map(), "vmin": -limit, "vmax": limit}
-        viz.marks.heat_map(axes[1, j], axis, axis, z, viz.axis_label("elevation"), **colors)
+        viz.marks.heat_map(
+            axes[1, j], axis, axis, z, viz.axis_label("elevation"), colors=viz.water_map(),
+            vmin=-limit, vmax=limit,
+        )  # fmt: skip
         elevation.append(z)
         numbers += _numbers(sea, axis, setting.seed, seas)
     coords = {"wind_speed": ROUGH, "x": axis, "y": axis}
-    data = viz.marks.dataset({"elevation": np.array(elevation)}, **coords)
+    data = viz.marks.dataset({"elevation": np.array(elevation)}, coords)
     return FigureOutput(picture, data, numbers)
 
 

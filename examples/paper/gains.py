@@ -77,7 +77,9 @@ def fates(setting: Setting, photons: int) -> FigureOutput:
         for name, both in zip(table.index, table.to_numpy(), strict=True)
         if max(both) > 0.0
     ]
-    data = viz.marks.dataset({"fate_weight": table.to_numpy().T}, form=FORMS, fate=table.index)
+    data = viz.marks.dataset(
+        {"fate_weight": table.to_numpy().T}, {"form": FORMS, "fate": table.index}
+    )
     return FigureOutput(picture, data, numbers, {"wind": ROUGH[1], "radius": RADIUS})
 
 
@@ -128,7 +130,7 @@ def _maps(
         for key in ("gain", "gain_stderr")
     }
     coords = {"form": FORMS, "wind_speed": ROUGH, name: values, "x": found.x, "y": found.y}
-    return FigureOutput(picture, viz.marks.dataset(columns, **coords), numbers)
+    return FigureOutput(picture, viz.marks.dataset(columns, coords), numbers)
 
 
 def _centre(found: mt.CoverageMap) -> float:
@@ -186,7 +188,7 @@ def gain_series(setting: Setting, times: int, photons: int, analog: int) -> Figu
     columns = np.moveaxis(np.array([[gains[f, u] for u in ROUGH] for f in FORMS]), 2, 0)
     coords = {"form": FORMS, "wind_speed": ROUGH, "time": at}
     found = dict(zip(("gain", "gain_stderr"), columns, strict=True))
-    data = viz.marks.dataset(found, **coords)
+    data = viz.marks.dataset(found, coords)
     for form, ax in zip(FORMS, axes[:, 0], strict=True):
         wind_lines(ax, data.sel(form=form), "gain")
         ax.set_title(FORM_NAMES[form])
@@ -297,7 +299,7 @@ class SweptGains(NamedTuple):
             key: [[self.column(f, u, i) for u in WINDS] for f in FORMS]
             for i, key in enumerate(("gain", "gain_stderr"))
         }
-        data = viz.marks.dataset(columns, **coords)
+        data = viz.marks.dataset(columns, coords)
         picture, axes = form_panels(sharey=True)
         for form, ax in axes.items():
             wind_lines(ax, data.sel(form=form), "gain", "o-")

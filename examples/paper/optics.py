@@ -165,7 +165,7 @@ def _bubbles(name: str, quantity: Callable[..., Floats]) -> FigureOutput:
     depth = coords["depth"]
     bubbles = [[mt.HallNovarini(wind_speed=u, **form) for u in ROUGH] for form in forms.values()]
     values = np.array([[quantity(one, depth) for one in pair] for pair in bubbles])
-    data = viz.marks.dataset({name: values}, **coords)
+    data = viz.marks.dataset({name: values}, coords)
     curves = data.stack(curve=("form", "wind_speed")).transpose("curve", "depth")
     names = [*map(wind_name, ROUGH), "paper", ""]
     picture, axes = panels()

@@ -54,7 +54,7 @@ def plot_channel(model: ChannelModel, *, ax: Axes | None = None) -> Axes:
         name: [model.autocorrelation, model.model_autocorrelation],
         f"{name}_stderr": [error, 0.0 * error],
     }
-    data = marks.dataset(curves, curve=["series", "model"], lag=model.lag)
+    data = marks.dataset(curves, {"curve": ["series", "model"], "lag": model.lag})
     return marks.finished(marks.lines(ax, data, name))
 
 
@@ -76,7 +76,7 @@ def plot_trace(result: ChannelTrace, *, ax: Axes | None = None) -> Axes:
     links = {"up": result.gain, "down": result.down_gain}
     gains = {name: row.reshape(len(row), -1) for name, row in links.items() if row is not None}
     relative = [row[:, 0] / row[:, 0].mean() for row in gains.values()]
-    data = marks.dataset({"over its mean": relative}, part=list(gains), time=result.time)
+    data = marks.dataset({"over its mean": relative}, {"part": list(gains), "time": result.time})
     ax = marks.lines(ax, data, "over its mean", ("-", "--"))
     times, radiance = result.background_time, result.background_radiance
     if times is not None and radiance is not None:
@@ -196,8 +196,8 @@ def plot_inference(f: Inference, *, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
-    numbers, ax = np.arange(1, len(f.measured) + 1), marks.axes(ax)
-    data = marks.dataset({"measured over fitted": f.measured / f.predicted}, measurement=numbers)
+    coords, ax = {"measurement": np.arange(1, len(f.measured) + 1)}, marks.axes(ax)
+    data = marks.dataset({"measured over fitted": f.measured / f.predicted}, coords)
     marks.lines(ax, data, "measured over fitted", ("o",), markersize=6)
     ax.axhline(1.0, color=INK, lw=0.8)
     return ax

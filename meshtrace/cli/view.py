@@ -38,7 +38,7 @@ def view(
     movie: Annotated[Path | None, value("A.MP4",
         "Write a movie (.mp4, .gif) of the sea and the gain.")] = None,
     pattern: Annotated[Path | None, value("A.MP4", "Write a picture (.png) or movie of the light "
-        "pattern on the receiver's plane.", "--light")] = None,
+        "pattern on the receiver's plane.")] = None,
     export: Annotated[Path | None, value("PATH", "Write surface, bodies, receivers and paths: "
         "a folder of VTK files, or a .glb, .gltf or .obj.")] = None,
     paths: Annotated[int | None, value("N", "Photon paths beside received light [default: 500; "
@@ -75,7 +75,7 @@ def view(
                        window_size=size, transparent=transparent)  # fmt: skip
     inputs = _subject(file, changes) | opt.without_none({"coverage": map_, "time": time})
     # before the gain is computed
-    outputs = {"screenshot": screenshot, "html": html, "movie": movie, "light": pattern,
+    outputs = {"screenshot": screenshot, "html": html, "movie": movie, "pattern": pattern,
                "export": export}  # fmt: skip
     require_outputs(outputs)
     if daylight is not None:
@@ -94,8 +94,8 @@ def view(
             with suppress(Refused):
                 inputs["gain"] = scenario.simulate()
         written = show(
-            **inputs, screenshot=screenshot, html=html, movie=movie, light=pattern, export=export,
-            paths=paths, received=received, frames=frames, frame_rate=frame_rate, seed=seed,
+            **inputs, screenshot=screenshot, html=html, movie=movie, pattern=pattern, paths=paths,
+            export=export, received=received, frames=frames, frame_rate=frame_rate, seed=seed,
             title="meshtrace" if file is None else file.name, progress=advance, style=style,
         )  # fmt: skip
     for path in written:

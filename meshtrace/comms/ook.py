@@ -198,9 +198,8 @@ class OokLink(Model, frozen=True):
         Raises
         ------
         Refused
-            If the preset is unknown, the bit rate does not fit, or the link has several receivers
-            or sources of several wavelengths.
-            and none is chosen.
+            If the preset is unknown, the bit rate does not fit, the link has sources of several
+            wavelengths, or several receivers and none is chosen.
 
         Examples
         --------

@@ -69,11 +69,11 @@ def test_a_movie_in_which_light_and_sea_move(tmp_path):
 @pytest.mark.thorough
 def test_view_writes_the_pattern_beside_no_window(tmp_path):
     written = viz.view(
-        SHARP, SEA, light=tmp_path / "light.png", style=viz.SceneStyle(extent=1.0), frames=2
+        SHARP, SEA, pattern=tmp_path / "light.png", style=viz.SceneStyle(extent=1.0), frames=2
     )
     assert written == [tmp_path / "light.png"]
-    with pytest.raises(ValueError, match="light: of a mesh, allowed: a link over a sea"):
-        viz.view(None, FlatSea().mesh(extent=2.0, spacing=1.0), light=tmp_path / "a.png")
+    with pytest.raises(ValueError, match="pattern: of a mesh, allowed: a link over a sea"):
+        viz.view(None, FlatSea().mesh(extent=2.0, spacing=1.0), pattern=tmp_path / "a.png")
 
 
 def test_wrong_files_are_refused(tmp_path):

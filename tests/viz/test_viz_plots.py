@@ -185,7 +185,9 @@ def test_coverage_is_not_transposed(convert):
 
 def test_a_legend_of_numbers_says_of_what():
     depths, times = [1.0, 2.0, 5.0], [0.0, 1.0]
-    data = viz.marks.dataset({"spectral_irradiance": np.ones((3, 2))}, depth=depths, time=times)
+    data = viz.marks.dataset(
+        {"spectral_irradiance": np.ones((3, 2))}, {"depth": depths, "time": times}
+    )
     ax = viz.marks.lines(None, data, "spectral_irradiance")
     assert legend(ax) == ["1.0", "2.0", "5.0"]
     assert ax.get_legend().get_title().get_text() == viz.axis_label("depth")

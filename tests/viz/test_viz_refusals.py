@@ -15,7 +15,7 @@ from meshtrace import apps, viz
 from meshtrace.apps import measured
 from meshtrace.errors import Refused
 from meshtrace.surfaces import FlatSea, JonswapSea
-from meshtrace.viz import ScenePlotter, scenes
+from meshtrace.viz import ScenePlotter
 from meshtrace.viz.stage import stage_of
 
 LINK, FLAT = mt.Link(), FlatSea()
@@ -207,10 +207,8 @@ def test_every_function_draws_its_sound_arguments(sound, tmp_path, monkeypatch):
 def test_wrong_values_are_refused(name, sound, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     arguments, random, refused = sound[name], Random(name), 0
-    parameters = [n for n in inspect.signature(function_of(name)).parameters if n != "shown"]
+    parameters = list(inspect.signature(function_of(name)).parameters)
     whole = name in ("save_movie", "view")  # of many parameters, whose sound values draw movies
-    if whole:
-        parameters += scenes.Shown.__annotations__
     for argument in parameters:
         if argument == "progress":  # errors of a user's function are the user's
             continue
