@@ -11,7 +11,7 @@ import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, partial
 from importlib.util import find_spec
@@ -20,7 +20,15 @@ from queue import SimpleQueue
 from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, Any
 
-from meshtrace.errors import Described, Refused, extra, one_line, require_between, require_whole
+from meshtrace.errors import (
+    Described,
+    Refused,
+    extra,
+    one_line,
+    require_between,
+    require_whole,
+    warn,
+)
 from meshtrace.parallel import cores, held, safe_processes
 
 if TYPE_CHECKING:
@@ -28,6 +36,9 @@ if TYPE_CHECKING:
 
 Setup = Callable[[], Callable[[Any], Any]]
 """Returns the function of a job; called once in each process that evaluates jobs."""
+
+Done = tuple[int, Any, Sequence[tuple[str, type[Warning]]]]
+"""Number of a job, its result or exception, and the warnings of another process."""
 
 DEFAULT_TIMEOUT = 60.0
 """Seconds to wait for a scheduler and for a worker."""
@@ -98,7 +109,18 @@ class Cluster:
             If there is no scheduler or no worker, one is lost for good, or a worker would compute
             other numbers: another version of meshtrace, its kernels, numpy or numba.
         """
-        waiting = deque(enumerate(jobs))
+        with closing(self._spread(setup, deque(enumerate(jobs)))) as results:
+            for i, result, caught in results:
+                try:
+                    # here they are one with those of this process, which have been told
+                    for text, category in caught:
+                        warn(text, category)
+                except Warning as error:
+                    result = error
+                yield i, result
+
+    def _spread(self, setup: Setup, waiting: deque[tuple[int, Any]]) -> Generator[Done, None, None]:
+        """Yield the jobs of a queue as they are done, in this process and in others."""
         if isinstance(self.workers, str):
             if waiting:
                 yield from self._elsewhere(setup, waiting, len(waiting), Event())
@@ -109,15 +131,13 @@ class Cluster:
         alone = min(others, len(waiting) - 1) < 1
         yield from _evaluated(setup, waiting) if alone else self._beside(setup, waiting, others)
 
-    def _beside(
-        self, setup: Setup, waiting: deque[tuple[int, Any]], others: int
-    ) -> Iterator[tuple[int, Any]]:
+    def _beside(self, setup: Setup, waiting: deque[tuple[int, Any]], others: int) -> Iterator[Done]:
         """Yield the results of jobs of this process and, once they take longer, of others.
 
         A thread feeds the others, so that they also work while this process is inside a long job.
         """
         total, ended = len(waiting), Event()
-        results: SimpleQueue[tuple[int, Any]] = SimpleQueue()
+        results: SimpleQueue[Done] = SimpleQueue()
 
         def feed() -> None:
             try:
@@ -128,9 +148,9 @@ class Cluster:
                 for result in self._elsewhere(setup, waiting, _AHEAD * others, ended):
                     results.put(result)
             except Exception as error:
-                results.put((_BROKEN, error))
+                results.put((_BROKEN, error, ()))
 
-        def merged() -> Iterator[tuple[int, Any]]:
+        def merged() -> Iterator[Done]:
             # while this process has jobs of its own, results of others wait in their queue
             for result in _evaluated(setup, waiting):
                 yield result
@@ -143,18 +163,18 @@ class Cluster:
         # daemon threads would outlive the dask client that they use: this one is joined
         thread.start()
         try:
-            for i, result in islice(merged(), total):
-                if i == _BROKEN:
-                    raise result
-                yield i, result
+            for done in islice(merged(), total):
+                if done[0] == _BROKEN:
+                    raise done[1]
+                yield done
         finally:
             ended.set()
             thread.join()  # within dask's bounds of the end of its processes, seconds
 
     def _elsewhere(
         self, setup: Setup, waiting: deque[tuple[int, Any]], ahead: int, ended: Event
-    ) -> Iterator[tuple[int, Any]]:
-        """Yield the number of each job as a worker finishes it, and its result or exception.
+    ) -> Iterator[Done]:
+        """Yield the jobs that workers have done, in the order in which they finish.
 
         Workers have up to `ahead` jobs at a time, until none is left or the event is set.
         """
@@ -184,7 +204,7 @@ class Cluster:
                 if future.cancelled():  # by a scheduler that went away
                     break
                 i = numbers.pop(future.key)
-                yield i, result[1] if future.status == "error" else _checked(result)
+                yield (i, result[1], ()) if future.status == "error" else (i, *_checked(result))
                 # frees the result in the memory of the worker
                 future.release()
                 submit(1)
@@ -240,15 +260,15 @@ def _drawn(waiting: deque[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
             yield waiting.popleft()
 
 
-def _evaluated(setup: Setup, waiting: deque[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
-    """Yield the number of each job, and its result or exception, evaluated in this process."""
+def _evaluated(setup: Setup, waiting: deque[tuple[int, Any]]) -> Iterator[Done]:
+    """Yield jobs as they are done in this process."""
     evaluate = held(held(setup)())
     for i, job in _drawn(waiting):
         try:
-            yield i, evaluate(job)
+            yield i, evaluate(job), ()
         except Exception as error:
             # as a worker of a cluster returns it
-            yield i, error
+            yield i, error, ()
 
 
 def _finished(
@@ -303,13 +323,15 @@ def _lost(client: distributed.Client, done: int, total: int) -> Refused:
 
 
 def _portable_job() -> Callable[..., Any]:
-    """Return a function that evaluates a job, or describes the environment if it is another one.
+    """Return a function of a job's result and warnings, or of the environment if it is another one.
 
     It is sent by value: a function of this module would be looked up in the package of the
     worker, which may be none.
     """
 
     def run(job: Any, setup: bytes, expected: dict[str, str]) -> Any:
+        import warnings
+
         try:
             from importlib.metadata import version
 
@@ -325,8 +347,9 @@ def _portable_job() -> Callable[..., Any]:
         from meshtrace.studies.cluster import prepared
 
         # digits of a sum depend on the number of BLAS threads
-        with one_blas_thread():
-            return prepared(setup)(job)
+        with one_blas_thread(), warnings.catch_warnings(record=True) as caught:
+            result = prepared(setup)(job)
+        return result, [(str(w.message), w.category) for w in caught]
 
     return run
 
@@ -337,7 +360,7 @@ def _environment() -> dict[str, str]:
 
 
 def _checked(result: Any) -> Any:
-    """Return the result of a job; refuse a worker that described its environment instead."""
+    """Return result and warnings of a job; refuse a worker that described its environment."""
     if isinstance(result, dict):
         raise _other_worker("a worker that came late", result)
     return result

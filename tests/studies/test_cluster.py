@@ -4,15 +4,17 @@ import os
 import sys
 import threading
 import time
+import warnings
 
 import numpy as np
 import pytest
 from studies.test_store import LINK, SMALL, STUDIES, TIMES, WAVE, digits
 
 import meshtrace as mt
-from meshtrace.errors import Refused
+from meshtrace.errors import Refused, warn
 from meshtrace.studies import cluster
 from meshtrace.studies.campaign import campaign_of
+from meshtrace.studies.cluster import Cluster
 
 distributed = pytest.importorskip("distributed")
 
@@ -40,6 +42,37 @@ def test_digits_on_a_cluster_are_those_of_threads(name, address, tmp_path):
     expected = repr(digits(study()))
     assert repr(digits(study(workers=address, store=path))) == expected
     assert repr(digits(study(store=path))) == expected  # from the store
+
+
+@pytest.mark.process
+@pytest.mark.thorough
+def test_warnings_of_workers_are_those_of_this_process(address):
+    """Each worker once printed its own, which no filter of the user and no line of many reached."""
+
+    def setup():
+        def job(i):
+            if i < 4:
+                warn(f"row {i % 2}", mt.FewSamplesWarning)
+            return i
+
+        return job
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        results = dict(Cluster(address).map(setup, range(5)))
+    assert results == {i: i for i in range(5)}
+    assert sorted(str(w.message) for w in caught) == ["row 0", "row 1"]
+    assert {(w.category, w.filename) for w in caught} == {(mt.FewSamplesWarning, __file__)}
+
+
+@pytest.mark.process
+@pytest.mark.thorough
+def test_a_warning_of_a_worker_may_be_an_error(address):
+    results = dict(Cluster(address).map(lambda: lambda i: warn(f"row {i}"), range(2)))
+    assert [(type(results[i]), str(results[i])) for i in range(2)] == [
+        (UserWarning, "row 0"),
+        (UserWarning, "row 1"),
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +114,7 @@ def pid_of(job):
 @pytest.mark.parametrize(("workers", "jobs"), [(1, 4), (None, 4), (2, 1)])
 def test_little_work_is_done_in_this_process(workers, jobs, monkeypatch):
     monkeypatch.setattr(cluster, "_client", None)
-    found = dict(cluster.Cluster(workers).checked().map(lambda: pid_of, range(jobs)))
+    found = dict(Cluster(workers).checked().map(lambda: pid_of, range(jobs)))
     assert str(found.pop(1, "one")) == "one"
     assert found == dict.fromkeys(found, os.getpid())
     assert len(found) == max(jobs - 1, 1)
@@ -99,7 +132,7 @@ def test_other_processes_share_work_that_lasts(tmp_path):
             (tmp_path / "finished").touch()
         return os.getpid()
 
-    found = dict(cluster.Cluster(2).map(lambda: work, range(6)))
+    found = dict(Cluster(2).map(lambda: work, range(6)))
     assert sorted(found) == list(range(6))
     assert found[0] == first
     assert len(set(found.values())) == 2
@@ -108,7 +141,7 @@ def test_other_processes_share_work_that_lasts(tmp_path):
 @pytest.mark.process
 @pytest.mark.thorough
 def test_the_end_of_a_loop_ends_other_processes():
-    results = cluster.Cluster(2).map(lambda: lambda job: time.sleep(0.1), range(10_000))
+    results = Cluster(2).map(lambda: lambda job: time.sleep(0.1), range(10_000))
     next(results)
     results.close()
     assert not [t for t in threading.enumerate() if t.name == "workers"]
@@ -116,9 +149,9 @@ def test_the_end_of_a_loop_ends_other_processes():
 
 def test_one_worker_needs_no_dask(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    assert list(cluster.Cluster(1).checked().map(lambda: abs, [-2])) == [(0, 2)]
+    assert list(Cluster(1).checked().map(lambda: abs, [-2])) == [(0, 2)]
     with pytest.raises(Refused, match=r"workers: distributed is not installed.*meshtrace\[batch\]"):
-        cluster.Cluster(2).checked()
+        Cluster(2).checked()
 
 
 @pytest.mark.parametrize("name", ["ensemble", "optimize", "infer", "design", "coverage"])

@@ -104,7 +104,7 @@ def test_foreign_worker_is_refused(scheduler, worker_of, foreign, tmp_path):
 def test_late_worker_describes_itself_instead_of_computing():
     run, here = cluster._portable_job(), cluster._environment()
     setup = cloudpickle.dumps(lambda: abs)
-    assert cluster._checked(run(-2, setup=setup, expected=here)) == 2
+    assert cluster._checked(run(-2, setup=setup, expected=here)) == (2, [])
     other = run(-2, setup=setup, expected={**here, "numpy": "1.0"})
     with pytest.raises(Refused, match="worker: a worker that came late: "):
         cluster._checked({**other, "numpy": "1.0"})
