@@ -181,19 +181,10 @@ def scene(
         parts.add_bodies(plotter, link)
         parts.add_bubbles(plotter, shown, bubbles)
         parts.add_transmitter(plotter, link, shown, labels=style.labels)
-    shaded = None
+    sea_light = None
     if style.color == "water":
         sea_light = SeaLight.from_link(link, daylight, wind_of(surface))
-        longest, texels = longest_left_out(surface), texels_for(style.window_size)
-        shaded = ShadedSea(shown, sea_light, longest, time, texels)
-    parts.add_surface(
-        plotter, shown, color=style.color, color_limit=style.color_limit, edges=style.edges,
-        # VTK blends sheets in front of each other in the order of their facets
-        opacity=1.0 if shown.overhangs else style.opacity, shaded=shaded,
-        light_color="white" if is_day(day) else _DUSK,
-    )  # fmt: skip
-    if isinstance(surface, TriangleMesh):
-        plotter.shown["surface"] = surface  # files have all of it
+    _add_sea(plotter, shown, surface, sea_light, time, style, "white" if is_day(day) else _DUSK)
     if link is not None:
         for drawn_paths in (paths, received_paths):
             if drawn_paths is not None:
@@ -216,6 +207,29 @@ def scene(
     plotter.suppress_rendering = False
     plotter.render()
     return plotter
+
+
+def _add_sea(
+    plotter: ScenePlotter,
+    shown: TriangleMesh,
+    surface: MeshSource | TriangleMesh,
+    sea_light: SeaLight | None,
+    time: float,
+    style: SceneStyle,
+    light_color: str,
+) -> None:
+    """Add the mesh of a sea that is shown, as water in a light or in the colours of a style."""
+    shaded = None
+    if sea_light is not None:
+        longest, texels = longest_left_out(surface), texels_for(style.window_size)
+        shaded = ShadedSea(shown, sea_light, longest, time, texels)
+    parts.add_surface(
+        plotter, shown, color=style.color, color_limit=style.color_limit, edges=style.edges,
+        # VTK blends sheets in front of each other in the order of their facets
+        opacity=1.0 if shown.overhangs else style.opacity, shaded=shaded, light_color=light_color,
+    )  # fmt: skip
+    if isinstance(surface, TriangleMesh):
+        plotter.shown["surface"] = surface  # files have all of it
 
 
 def light_of(

@@ -31,7 +31,7 @@ from meshtrace.optics import Water
 from meshtrace.results.daylight import PARTS
 from meshtrace.results.provenance import environment
 from meshtrace.scenario import Scenario
-from meshtrace.studies.campaign import campaign_of
+from meshtrace.studies.campaign import Campaign, campaign_of
 from meshtrace.studies.caustics import gaussian, resolved_waves, turned, wave_sizes, wavenumbers
 from meshtrace.studies.store import digest_of
 from meshtrace.surfaces import FlatSea, Surface
@@ -147,9 +147,7 @@ def irradiance_series(
         raise Refused("depths", depths, "at least one depth > 0 [m]")
     times = require_finite(times, "times", "at least one time [s]")
     target = Collector(0.5 * collector, below == "waves", patch, fineness)
-    for name in ("mesh", *Meshing.model_fields):
-        if (value := dict(run).get(name)) is not None:
-            raise Refused(name, value, "none: the points follow from the waves")
+    _require_no_mesh(run)
     sea, bands = _resolved(sea, depths, target, water)
     options: Any = scenario_options | {"photons": photons} | dict(run)
     campaign = campaign_of(Link(water=water), sea, "irradiance_series", options)
@@ -165,14 +163,7 @@ def irradiance_series(
         "daylight": day, "depths": depths.tolist(), "patch": patch,
         "times": digest_of(times.tolist()),
     }  # fmt: skip
-    # a row of a frame: irradiance and unscattered part of each depth, then cells^2 of each pattern
-    setup = partial(_frames, plans, times)
-    cells = 0 if target.cells is None else len(target.cells)
-    shape = ((2 + cells**2) * len(depths),)
-    numbers = range(len(times))
-    steps = campaign.evaluate(setup, numbers, "frames", identity, lambda step: shape, "frames")
-    frames = np.array(list(steps))
-    total, direct, pattern = np.split(frames, [len(depths), 2 * len(depths)], axis=1)
+    total, direct, pattern = _evaluated(campaign, plans, times, target, identity)
     origin = {
         "environment": environment(),
         "surface": sea.to_config(),
@@ -187,9 +178,32 @@ def irradiance_series(
     }
     sky, still = np.array([(plan.scattered.sky, plan.still) for plan in plans]).T
     return IrradianceSeries(
-        times, depths, total, direct, sky, still, origin, target.cells, target.cells,
-        pattern.reshape(len(times), len(depths), cells, cells) if cells else None,
-    )  # fmt: skip
+        times, depths, total, direct, sky, still, origin, target.cells, target.cells, pattern
+    )
+
+
+def _evaluated(
+    campaign: Campaign,
+    plans: list[DepthPlan],
+    times: Floats,
+    target: Collector,
+    identity: dict[str, Any],
+) -> tuple[Floats, Floats, Floats | None]:
+    """Return irradiance and unscattered part by time and depth, and patterns by cell, if any."""
+    n, cells = len(plans), 0 if target.cells is None else len(target.cells)
+    # a row of a frame: irradiance and unscattered part of each depth, then cells^2 of each pattern
+    shape = ((2 + cells**2) * n,)
+    setup, numbers = partial(_frames, plans, times), range(len(times))
+    steps = campaign.evaluate(setup, numbers, "frames", identity, lambda step: shape, "frames")
+    total, direct, pattern = np.split(np.array(list(steps)), [n, 2 * n], axis=1)
+    return total, direct, pattern.reshape(len(times), n, cells, cells) if cells else None
+
+
+def _require_no_mesh(run: RunOptions) -> None:
+    """Refuse the options of a mesh."""
+    for name in ("mesh", *Meshing.model_fields):
+        if (value := dict(run).get(name)) is not None:
+            raise Refused(name, value, "none: the points follow from the waves")
 
 
 def _inputs(

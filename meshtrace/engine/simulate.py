@@ -230,10 +230,6 @@ def _traced(
     on enough samples.
     """
     recorded = [r.model_dump(mode="json") for r in records.values()]
-    # the lamp of an analog photon follows from its number, its pixel from its direction: arrivals
-    # have both
-    split = per_lamp or case.link.pixels > 1
-    unrecorded = [Arrivals()] if split and "arrivals" not in records else []
     run: Run | None = case.run
     seed, normals, threads = case.run.seed, case.meshing.normals, case.threads
     results: list[GainResult] = []
@@ -251,14 +247,8 @@ def _traced(
         options = run.to_config() | case.meshing.model_dump() | {"record": recorded}
         origins = [provenance(link, config, options) | dict(case.origin) for link in links]
         if isinstance(run.estimator, Analog):
-            sums = analog_sums(
-                links, EmbreeIntersector(mesh, threads), run.estimator, run.photons, progress,
-                [*records.values(), *unrecorded], seed=seed, normals=normals, threads=threads,
-            )  # fmt: skip
-            further = [
-                outcome.analog_result(link, tallies, origin, records, seed if per_lamp else None)
-                for link, tallies, origin in zip(links, sums, origins, strict=True)
-            ]
+            analog = case._replace(run=run)
+            further = _by_photons(analog, links, mesh, origins, records, progress, per_lamp)
             # photons are independent: further ones are merged with those already traced
             pairs = zip(results, further, strict=True) if results else ()
             results = [merge(list(pair)) for pair in pairs] or further
@@ -283,6 +273,33 @@ def _traced(
         longer = [more for result in results if (more := _further(case.run, result)) is not None]
         run = max(longer, key=lambda more: more.photons, default=None)
     return results, returned
+
+
+def _by_photons(
+    case: Case,
+    links: list[Link],
+    mesh: TriangleMesh,
+    origins: list[dict[str, Any]],
+    records: dict[str, Record],
+    progress: Callable[[int], None] | None,
+    per_lamp: bool,
+) -> list[GainResult]:
+    """Return the results of links of several wavelengths by common analog photons."""
+    seed, estimator = case.run.seed, case.run.estimator
+    assert isinstance(estimator, Analog)
+    # the lamp of an analog photon follows from its number, its pixel from its direction: arrivals
+    # have both
+    split = per_lamp or case.link.pixels > 1
+    unrecorded = [Arrivals()] if split and "arrivals" not in records else []
+    sums = analog_sums(
+        links, EmbreeIntersector(mesh, case.threads), estimator, case.run.photons, progress,
+        [*records.values(), *unrecorded],
+        seed=seed, normals=case.meshing.normals, threads=case.threads,
+    )  # fmt: skip
+    return [
+        outcome.analog_result(link, tallies, origin, records, seed if per_lamp else None)
+        for link, tallies, origin in zip(links, sums, origins, strict=True)
+    ]
 
 
 def _over_mesh(case: Case) -> tuple[Case, TriangleMesh, dict[str, Any]]:

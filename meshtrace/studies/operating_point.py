@@ -330,14 +330,7 @@ def operating_point(
     from scipy.special import ndtri
 
     quantile = float(ndtri(0.5 + 0.5 * confidence))
-    spread = Estimate(math.nan, math.nan, math.nan)
-    if dark.response is not None:
-        spread = Estimate(*(3 * (dark.response.rms_spread,)))
-    elif seen is not None:
-        # a response that the user gives is known, that of the chains has an error
-        response, mean, stderr = seen
-        dark, reach = dark.replace(response=response), quantile * stderr
-        spread = Estimate(mean, max(mean - reach, 0.0), mean + reach)
+    dark, spread = _behind_response(dark, seen, quantile)
 
     def expose(
         transmission: OokLink, scale: float = 1.0, pixel: tuple[int, int] | None = None
@@ -360,11 +353,8 @@ def operating_point(
         )
     ber = ber_of_samples(dark, expose, samples, quantile, confidence, seed)
     if background is not None and background.radiance != 0.0 and ber.value != 0.0:
-        # the error of the background joins the interval
-        step = quantile * background.radiance_stderr / background.radiance
-        lights = [partial(expose, scale=max(1.0 + s, 0.0)) for s in (-step, step)]
-        rates = [_mean_ber(dark, brighter, samples, samples.samples) for brighter in lights]
-        ber = _joined_rates(*ber, *rates)
+        error = quantile * background.radiance_stderr / background.radiance
+        ber = _under_uncertain_light(ber, dark, expose, samples, error)
     budget = link_budget(ook, gain, limit)
     # zeros are not dark: the extinction ratio of the lamp is finite
     low, high = ook.led.levels(power)
@@ -387,6 +377,29 @@ def operating_point(
         dispersion_db=_dispersion_db(ook, limit),
         widest_filter_nm=widest,
     )
+
+
+def _behind_response(
+    dark: OokLink, seen: MeanResponse | None, quantile: float
+) -> tuple[OokLink, Estimate]:
+    """Return a transmission with the response of its channel, and the rms delay spread of this."""
+    if dark.response is not None:  # of the user, and without an error
+        return dark, Estimate(*(3 * (dark.response.rms_spread,)))
+    if seen is None:
+        return dark, Estimate(math.nan, math.nan, math.nan)
+    response, mean, stderr = seen
+    reach = quantile * stderr
+    return dark.replace(response=response), Estimate(mean, max(mean - reach, 0.0), mean + reach)
+
+
+def _under_uncertain_light(
+    ber: Estimate, dark: OokLink, expose: Callable[..., OokLink], samples: FadingSamples,
+    error: float,
+) -> Estimate:  # fmt: skip
+    """Return an error rate whose interval includes a relative error of the background."""
+    lights = [partial(expose, scale=max(1.0 + step, 0.0)) for step in (-error, error)]
+    rates = [_mean_ber(dark, brighter, samples, samples.samples) for brighter in lights]
+    return _joined_rates(*ber, *rates)
 
 
 def _dispersion_db(ook: OokLink, limit: float) -> float:
