@@ -216,11 +216,9 @@ def plot_tornado(
     ax = marks.bars(ax, data.transpose(), "change", across=True, beside=False)
     ax.set_yticks(range(len(names)), names, fontsize=8)
     ax.axvline(0.0, color=INK, lw=0.8)
-    form = ".2e" if s.quantity == "gain" else ".3g"
+    form, unit = ".2e" if s.quantity == "gain" else ".3g", "m" if s.quantity == "range" else "dB"
     base = f"{s.value:{form}} {s.unit}".removesuffix(" 1")
-    ax.set_xlabel(
-        f"change of the {s.quantity} from {base} [{'m' if s.quantity == 'range' else 'dB'}]"
-    )
+    ax.set_xlabel(f"change of the {s.quantity} from {base} [{unit}]")
     return ax
 
 

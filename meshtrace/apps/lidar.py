@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from pydantic import Field
@@ -24,7 +24,7 @@ from meshtrace import (
 )
 from meshtrace.checks import Positive, check_call
 from meshtrace.engine.setup.options import Case
-from meshtrace.errors import Described, Refused, require_word
+from meshtrace.errors import Described, Refused
 from meshtrace.link.link import spot_radius
 from meshtrace.mesh import SeededSurface
 from meshtrace.models import Floats
@@ -43,6 +43,8 @@ from meshtrace.surfaces.waves import angular_frequency
 
 ECHOES = {"surface": "mirrored", "column": "scattered", "bottom": "bottom"}
 """Names of the echoes, and of the parts of the light that they consist of."""
+
+Reading = Literal["peak", "centroid"]
 
 _PER_WIDTH = 16  # samples per full width of the pulse; tuned: a parabola refines the peak
 _BLANK = 1.5  # pulse widths after the surface in which no bottom is looked for; tuned: light there
@@ -85,7 +87,7 @@ class LidarResult(Stored, kind="lidar", title="meshtrace lidar waveform"):
     pulse_width: Annotated[float, Variable()]
     provenance: dict[str, Any] = field(default_factory=dict)
 
-    def bias(self, reading: str = "peak") -> tuple[float, float]:
+    def bias(self, reading: Reading = "peak") -> tuple[float, float]:
         """Return the mean error of a depth over the seas, and its standard error [m].
 
         Parameters
@@ -102,15 +104,13 @@ class LidarResult(Stored, kind="lidar", title="meshtrace lidar waveform"):
         stderr = float(error_of_groups(errors)) if len(errors) > 1 else math.nan
         return float(errors.mean()) if len(errors) else math.nan, stderr
 
-    def scatter(self, reading: str = "peak") -> float:
+    def scatter(self, reading: Reading = "peak") -> float:
         """Return the standard deviation of a depth from sea to sea [m]; nan for a single sea."""
         errors = self._errors(reading)
         return float(errors.std(ddof=1)) if len(errors) > 1 else math.nan
 
-    def _errors(self, reading: str) -> Floats:
-        readings = {"peak": self.depth_by_peak, "centroid": self.depth_by_centroid}
-        require_word(reading, readings, "reading")
-        depths = readings[reading]
+    def _errors(self, reading: Reading) -> Floats:
+        depths = self.depth_by_peak if reading == "peak" else self.depth_by_centroid
         return depths[np.isfinite(depths)] - self.depth
 
     def _headline(self) -> str:
@@ -123,7 +123,7 @@ class LidarResult(Stored, kind="lidar", title="meshtrace lidar waveform"):
         for name, energy, stderr in zip(ECHOES, self.energy, self.energy_stderr, strict=True):
             text = f"{energy:.4e} +- {stderr:.1e}" if energy else "none"
             lines.append(f"{'echo of the ' + name:<24}{text}")
-        for reading in ("peak", "centroid"):
+        for reading in get_args(Reading):
             bias, error = self.bias(reading)
             text = "no echo" if math.isnan(bias) else f"error {bias:+.3f} m"
             if math.isfinite(error):

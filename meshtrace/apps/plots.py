@@ -8,14 +8,14 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from meshtrace.checks import check_call
-from meshtrace.errors import Described, Refused, require_word
+from meshtrace.errors import Described, Refused
 from meshtrace.models import Floats
 from meshtrace.studies.neighbours import DECIBELS
 from meshtrace.viz import marks
 from meshtrace.viz.style import INK, PALETTE, label_of, verbatim
 
 from .channels import ChannelModel
-from .designs.page import PERIODS, Design, Period
+from .designs.page import Design, Period
 from .inference import Inference
 from .lidar import ECHOES, LidarResult
 from .measured.suite import MeasuredTable
@@ -161,7 +161,6 @@ def plot_design(d: Design, *, period: Period = "day", ax: Axes | None = None) ->
     Axes
         A curve for each key with the flat range drawn thick; above the line the link closes.
     """
-    require_word(period, PERIODS, "period")
     ax = marks.axes(ax)
     for choice, values, reserves in zip(d.choices, d.scanned, d.reserves, strict=True):
         if choice.period != period or choice.present == 0.0:

@@ -25,7 +25,7 @@ from pydantic import Field
 from meshtrace.checks import Positive, check_call
 from meshtrace.engine.setup.meshing import mesh_for
 from meshtrace.engine.setup.options import Meshing, StudyOptions
-from meshtrace.errors import Described, Refused, require_between, require_whole
+from meshtrace.errors import Described, Refused, require_whole
 from meshtrace.fields import attrs
 from meshtrace.kernels.random import realization_seed
 from meshtrace.link import Link
@@ -492,7 +492,7 @@ def time_step_study(
     surface: SurfaceModel | None = None,
     steps: Sequence[float] = (),
     *,
-    duration: float | None = None,
+    duration: Positive | None = None,
     normals: Sequence[Normals] = ("vertex",),
     tolerance: Positive = 1e-2,
     receiver: int = 0,
@@ -527,7 +527,6 @@ def time_step_study(
     # steps and duration in units of `finest`
     strides = [multiple_of("steps", value / finest) for value in values]
     duration = 8.0 * values[0] if duration is None else duration
-    require_between(duration, 0.0, math.inf, "duration")
     n = multiple_of("duration", duration / finest)
     for value, stride in zip(values, strides, strict=True):
         if n % stride:
