@@ -100,28 +100,32 @@ def kernels_are_compiled(estimator: str) -> bool:
 
 
 _LAST_WAIT = 5.0  # longest wait for the end of a process that has been killed [s], tuned
-# program of the second process: its arguments are those of `compile_ahead`
-_AHEAD = "import sys; from meshtrace.cli.console import compile_ahead as f; f(*sys.argv[1:])"
 
 
 @contextmanager
-def compiling_ahead(scenario: Scenario) -> Iterator[None]:
-    """Compile kernels in a second process, in parallel with the block.
+def compiling_beside(function: str, *arguments: str) -> Iterator[None]:
+    """Let a function of this package compile kernels in a second process, beside the block.
 
-    The second process begins with the kernels that evaluate chains, the block with those that draw
-    them: numba compiles one function at a time in a process. Both save what they compile, and load
-    what the other has saved, so that the block compiles what the second process has not, if that
-    cannot start, fails or is late.
+    numba compiles one function at a time in a process. Both save what they compile, and load what
+    the other has saved, so that the block compiles what the second process has not, if that cannot
+    start, fails or is late.
+
+    Parameters
+    ----------
+    function : str
+        Module and name of the function, as "meshtrace.cli.console:compile_ahead".
+    *arguments : str
+        Its arguments.
     """
-    from meshtrace.models import modules_of
     from meshtrace.parallel import default_threads, python_start
 
     process = None
-    if scenario.run.estimator.kind == "forced" and default_threads() > 1:
+    if default_threads() > 1:
+        module, _, name = function.partition(":")
+        code = f"import sys; from {module} import {name} as f; f(*sys.argv[1:])"
         silent = subprocess.DEVNULL
         with suppress(OSError):
-            text = scenario.to_toml()
-            command, env = python_start("-c", _AHEAD, text, *modules_of(text))
+            command, env = python_start("-c", code, *arguments)
             # a session of its own: Ctrl-C is for the first process, which ends this one
             process = subprocess.Popen(command, env=env, stdin=silent, stdout=silent,
                                        stderr=silent, start_new_session=True)  # fmt: skip
@@ -133,6 +137,22 @@ def compiling_ahead(scenario: Scenario) -> Iterator[None]:
             # a process that waits for a dead file system does not end when killed
             with suppress(subprocess.TimeoutExpired):
                 process.wait(_LAST_WAIT)
+
+
+@contextmanager
+def compiling_ahead(scenario: Scenario) -> Iterator[None]:
+    """Compile the kernels of a run in a second process, too.
+
+    That begins with the kernels that evaluate chains, the block with those that draw them.
+    """
+    from meshtrace.models import modules_of
+
+    if scenario.run.estimator.kind != "forced":
+        yield
+        return
+    text = scenario.to_toml()
+    with compiling_beside("meshtrace.cli.console:compile_ahead", text, *modules_of(text)):
+        yield
 
 
 def compile_ahead(toml: str, *modules: str) -> None:

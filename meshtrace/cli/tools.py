@@ -4,6 +4,7 @@ import json
 import time
 import warnings
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -215,13 +216,39 @@ def _content(file: Path) -> object:
 @command()
 def warm() -> None:
     """Compile the kernels of gains, several wavelengths, maps and daylight; keep them."""
+    from meshtrace.kernels.jit import folder
+
+    start, runs = time.perf_counter(), _runs_of_all_kernels()
+    compiled = all(map(console.kernels_are_compiled, _ALL.split()))
+    from_the_end = "meshtrace.cli.tools:warm_from_the_end"
+    beside = nullcontext() if compiled else console.compiling_beside(from_the_end)
+    with console.progress(len(runs), console.COMPILING, kernels=_ALL) as (_, advance), beside:
+        _each(runs, advance)
+    typer.echo(f"kernels in {folder()}, {time.perf_counter() - start:.1f} s")
+
+
+def warm_from_the_end() -> None:
+    """Compile the kernels of `meshtrace warm`, those of its last run first.
+
+    A process that begins with the first run meets this one halfway, however fast each is.
+    """
+    _each(_runs_of_all_kernels()[::-1])
+
+
+def _each(runs: list[Callable[[], Any]], advance: Callable[[int], None] = lambda _: None) -> None:
+    for run_once in runs:
+        with warnings.catch_warnings(action="ignore"):
+            run_once()
+        advance(1)
+
+
+def _runs_of_all_kernels() -> list[Callable[[], Any]]:
+    """Return short runs, each of which calls kernels, or types of their arguments, of its own."""
     import numpy as np
 
-    from meshtrace.kernels.jit import folder
     from meshtrace.link import Body
 
-    start, sea = time.perf_counter(), mt.JonswapSea()
-    # each of these links calls kernels that the others do not
+    sea = mt.JonswapSea()
     several = mt.Link(water=mt.Water(bottom_depth=20.0), receiver=(mt.Receiver(), mt.Receiver()))
     turbid = mt.Link(water=mt.Water(a=0.1, b=1.0))
     links = [mt.Link().mirrored(), mt.Link(physics=mt.Physics(unresolved="none")), several, turbid]
@@ -238,7 +265,7 @@ def warm() -> None:
                 for bodies in ((), plates)]  # fmt: skip
     in_colours = partial(mt.simulate, surface=sea, photons=64, wavelengths_nm=[450.0, 550.0])
     day = mt.Daylight(direct=1.0, diffuse=0.2)
-    runs: list[Callable[[], Any]] = [
+    return [
         # the default sea of `meshtrace run` has another mesh than `sea` has in `simulate`
         opt.Changes().scenario(None).simulate,
         *(partial(mt.simulate, link, sea, photons=64) for link in links),
@@ -251,12 +278,6 @@ def warm() -> None:
         partial(mt.OokLink().ber, 1e-9),
         partial(mt.apps.irradiance_series, sea, day, photons=1000, patch=(0.5, 0.5)),
     ]
-    with console.progress(len(runs), console.COMPILING, kernels=_ALL) as (_, advance):
-        for run_once in runs:
-            with warnings.catch_warnings(action="ignore"):
-                run_once()
-            advance(1)
-    typer.echo(f"kernels in {folder()}, {time.perf_counter() - start:.1f} s")
 
 
 @command()

@@ -48,7 +48,7 @@ class Input:
 
     def ppf(self, shares: Any) -> Any:
         """Return quantiles over the year, with months of equal weight, as laws of scipy do."""
-        each = [np.quantile(v, np.linspace(0.0, 1.0, _QUANTILES)) for v in self.values]
+        each = [_quantiles(v, np.linspace(0.0, 1.0, _QUANTILES)) for v in self.values]
         return np.quantile(np.concatenate(each), shares)
 
     def axis(self) -> Axis:
@@ -60,6 +60,19 @@ class Input:
         # wind acts about linearly and chlorophyll by its logarithm, and so they are distributed
         log = low > 0.0 and abs(stats.skew(np.log(values))) < abs(stats.skew(values))
         return Axis(self.name, low, high, bool(log))
+
+
+def _quantiles(values: Floats, shares: Floats) -> Floats:
+    """Return what numpy.quantile does, bit by bit, which takes a tenth of a second for many shares.
+
+    It partitions the values about each share anew; here they are sorted once.
+    """
+    ordered = np.sort(values)
+    places = shares * (len(ordered) - 1)
+    below = places.astype(np.intp)
+    low, high = ordered[below], ordered[np.minimum(below + 1, len(ordered) - 1)]
+    step, part = high - low, places - below
+    return np.where(part < 0.5, low + step * part, high - step * (1.0 - part))
 
 
 class Axis(NamedTuple):

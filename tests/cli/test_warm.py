@@ -4,8 +4,14 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import nullcontext
+from functools import partial
+from importlib import import_module
 
 import pytest
+from command_line import meshtrace
+
+from meshtrace.cli import console, tools
 
 SIGNATURES = """
 import json, sys
@@ -67,6 +73,26 @@ def test_warm_compiles_colours_turbid_water_background_and_irradiance():
     names = ("tint_chains", "tint_straight", "land_sunlight", "add_upwelling", "split_rays")
     assert all(n[name] for name in names)
     assert n["best_thresholds"] == 1  # of error rates
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_second_process_compiles_the_kernels_of_the_last_run_first(monkeypatch, compiled):
+    """Where all are there, it would repeat all runs for nothing."""
+    done, started = [], []
+    monkeypatch.setattr(
+        tools, "_runs_of_all_kernels", lambda: [partial(done.append, i) for i in range(3)]
+    )
+    monkeypatch.setattr(console, "kernels_are_compiled", lambda estimator: compiled)
+    monkeypatch.setattr(
+        console, "compiling_beside", lambda *name: started.append(name) or nullcontext()
+    )
+    assert meshtrace("warm").exit_code == 0
+    assert done == [0, 1, 2]
+    assert len(started) == (not compiled)
+    for (name,) in started:
+        module, _, function = name.partition(":")
+        getattr(import_module(module), function)()
+        assert done[3:] == [2, 1, 0]
 
 
 UNDER_AND_BESIDE = """

@@ -158,6 +158,16 @@ def test_months_of_a_law_and_of_samples(calm_availability):
     assert "transmitter.depth at 90 % of the year" in text
 
 
+@pytest.mark.parametrize("n", [2, 3, 31, 366])
+def test_quantiles_are_those_of_numpy(n, rng):
+    """To the bit: shares of the year are compared from run to run."""
+    month = rng.lognormal(size=n)
+    shares = np.linspace(0.0, 1.0, 999)
+    (item,) = read_inputs({"x": {"samples": month}})
+    fine = np.quantile(month, np.linspace(0.0, 1.0, 2**14))
+    np.testing.assert_array_equal(item.ppf(shares), np.quantile(fine, shares))
+
+
 def test_samples_of_files(tmp_path):
     times = pd.date_range("2024-01-01", periods=366, freq="D")
     wind = 5.0 + times.month.to_numpy()

@@ -14,12 +14,18 @@ import aiohttp
 import msgpack
 import pytest
 from browser import chromium, until
-from test_server import served
+from test_server import FEW, served
 from wslink.chunking import generate_chunks
 
 from meshtrace.apps.explorer import server
 
-EXPLORE = [sys.executable, "-m", "meshtrace", "explore", "--no-browser", "--port", "0"]
+SMALL = f"""
+from meshtrace.apps.explorer import stages
+vars(stages).update({FEW})
+from meshtrace.__main__ import main
+main()
+"""
+EXPLORE = [sys.executable, "-c", SMALL, "explore", "--no-browser", "--port", "0"]
 
 UPGRADE = {
     "Upgrade": "websocket",

@@ -35,7 +35,7 @@ def test_all_stages(text, monkeypatch):
     for name in ("CHAINS", "FADING_CHAINS"):
         few = getattr(stages, name)
         monkeypatch.setattr(stages, name, (64, 128) if isinstance(few, tuple) else 64)
-    monkeypatch.setattr(stages, "FADING_FRAMES", 20)
+    monkeypatch.setattr(stages, "FADING_FRAMES", 10)  # shown in two answers
     monkeypatch.setattr(stages, "MAP_PHOTONS", (1000, 2000))
     state = controls.State(Scenario.from_toml(text))
     assert LiveScene(state).changes()

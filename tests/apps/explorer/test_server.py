@@ -10,16 +10,20 @@ import pytest
 from trame.app.core import AVAILABLE_SERVERS
 
 import meshtrace as mt
-from meshtrace.apps.explorer import controls, server
+from meshtrace.apps.explorer import controls, server, stages
 from meshtrace.apps.explorer import page as page_of_session
 from meshtrace.errors import Refused
 from meshtrace.scenario import Scenario
 
 PAPER = Scenario.from_toml("")
 
+FEW = {"CHAINS": (64, 64), "FADING_CHAINS": 64, "FADING_FRAMES": 8, "MAP_PHOTONS": (1000, 2000),
+       "INPUTS": ()}  # fmt: skip
+"""Settings of `stages` for sessions whose answers nobody reads."""
+
 
 def served(test, **options):
-    """Run a test of a started explorer and a client."""
+    """Run a test of a started explorer, of small works, and a client."""
 
     async def run():
         explorer = server.Explorer(PAPER, "link", **{"host": "127.0.0.1", "port": 0, **options})
@@ -30,7 +34,10 @@ def served(test, **options):
         finally:
             await explorer.stop()
 
-    return asyncio.run(run())
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in FEW.items():
+            patch.setattr(stages, name, value)
+        return asyncio.run(run())
 
 
 def test_a_running_sea_waits_for_the_browser(monkeypatch):
