@@ -31,6 +31,7 @@ from meshtrace.models import Floats
 if TYPE_CHECKING:
     import xarray as xr
 
+_CHAINS = 4096  # from which the paths of received light are drawn
 _turned = getattr(turned, "py_func", turned)  # as it is without the JIT
 
 
@@ -149,9 +150,7 @@ def _split(recorder: Recorder) -> PhotonPaths:
     return out
 
 
-def received_paths(
-    link: Link, mesh: TriangleMesh, n: int, seed: int, normals: str, chains: int = 4096
-) -> PhotonPaths:
+def received_paths(link: Link, mesh: TriangleMesh, n: int, seed: int, normals: str) -> PhotonPaths:
     """Return n paths of light into the first receiver, sampled in proportion to their weight.
 
     Paths go from the source by way of the scatterings and the crossing to the aperture; all carry
@@ -166,7 +165,7 @@ def received_paths(
         sets = _straight_and_mirrored(aimed, n, rng)
     else:
         sea = TypicalSea.of_meshes([mesh])
-        forced = ForcedDetection(link, chains, seed, normals, sea=sea, scattered="chains")
+        forced = ForcedDetection(link, _CHAINS, seed, normals, sea=sea, scattered="chains")
         arrays = forced.arrays
         sets = _chained(forced, mesh, n, rng)
     if not sets:
@@ -217,25 +216,17 @@ def _chained(
         e, t = (0, s) if arrays.down else (s, 0)
         for chain_set in map(forced.drawer.whole, sets[e]):
             _, arrivals = aimed.aim(e, t, chain_set, keep=True)
-            # `audit` has one entry a chain: the gain is the mean over them all
-            weight = power * arrivals["weight"] / len(chain_set.audit)
+            # the gain is the mean over all chains
+            weight = power * arrivals["weight"] / chain_set.number
             if not weight.sum() > 0.0:
                 continue
             # drawn with replacement, in proportion to weight: each drawn path stands for the same
             # light
             drawn = rng.choice(len(arrivals), min(n, len(arrivals)), p=weight / weight.sum())
             ends = arrays.emitters[e], arrays.targets[t]
-            place = partial(_of_chains, chain_set.chains, arrivals[drawn], ends)
+            place = partial(_placed, chain_set.chains, arrivals[drawn], *ends)
             drawn_sets.append((float(weight.sum()), len(drawn), place))
     return drawn_sets
-
-
-def _of_chains(
-    chains: Chains, arrivals: NDArray[np.void], ends: tuple[Emitter, Target],
-    chosen: NDArray[np.intp],
-) -> Floats:  # fmt: skip
-    """Return the points (chosen, m, 3) of some of the chains that arrive."""
-    return _placed(chains, arrivals[chosen], *ends)
 
 
 def _straight_and_mirrored(aimed: AimedChains, n: int, rng: np.random.Generator) -> list[_Set]:
@@ -287,10 +278,14 @@ def _mirror_points(
     return np.where(within[:, None], place, centroids)
 
 
-def _placed(chains: Chains, arrivals: NDArray[np.void], emitter: Emitter, target: Target) -> Floats:
-    """Return the points (arrivals, n, 3) of chains from emitter to target, in local coordinates."""
+def _placed(
+    chains: Chains, arrivals: NDArray[np.void], emitter: Emitter, target: Target,
+    chosen: NDArray[np.intp],
+) -> Floats:  # fmt: skip
+    """Return the points (chosen, m, 3) of some of the chains that arrive, in local coordinates."""
     # chains are drawn as if emitted along z: turned as a whole, they leave along the direction
     # `emission`; their vertices are relative to the start
+    arrivals = arrivals[chosen]
     i = arrivals["chain"]
     emission = Vec3(*arrivals["emission"].T[..., None])
     vertices = np.stack(_turned(emission, Vec3(*np.moveaxis(chains.vertex[i], -1, 0))), axis=-1)
