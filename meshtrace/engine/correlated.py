@@ -244,7 +244,7 @@ class FrozenForced:
         self._lock = Lock()
 
     def gains(self, link: Link, mesh: TriangleMesh, shifts: int = SHIFTS) -> Floats:
-        """Return the gain of a neighbouring link by shift of the Sobol points.
+        """Return the gain of a neighbouring link for each shift of the Sobol points.
 
         Parameters
         ----------
@@ -380,15 +380,15 @@ class FrozenForced:
 
 
 def _ends(arrays: ForcedLink) -> str:
-    """Return all that the crossings of still water depend on beside the histories of chains."""
+    """Return a key of what crossings of still water depend on, apart from histories of chains."""
     lamps = [(e.position, e.axis, e.radius) for e in arrays.emitters]
     return repr((lamps, [(t.center, t.axis, t.radius) for t in arrays.targets]))
 
 
 def _histories(link: Link, arrays: ForcedLink) -> str:
-    """Return all that the histories of chains depend on, but for the distributions of the base.
+    """Return a key of what histories of chains depend on, apart from the distributions of the base.
 
-    Coefficients of the water are not part of it: they are in the weights.
+    Coefficients of the water are not part of it: weights have them.
     """
     parts = link.water.phase, link.bubbles, link.physics
     models = [part and part.model_dump_json() for part in parts]

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.choice import counts, returned_gain
+from meshtrace.engine.choice import exceeds, returned_gain
 from meshtrace.engine.forced import ForcedDetection
-from meshtrace.engine.gains import Gains, Method, lamps_of, pixel_groups, table_of
+from meshtrace.engine.gains import Gains, Method, lamps_of, photons_by_group, pixel_groups, table_of
 from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.setup import options
@@ -59,7 +59,7 @@ class FewSamplesWarning(UserWarning):
 
 
 def _warn(text: str, category: type[Warning] = DomainWarning) -> None:
-    """Warn with the location of the user's call: the line that can be changed."""
+    """Warn with the location of the user's call."""
     level, frame = 2, sys._getframe(1)
     while frame.f_back is not None and frame.f_globals["__name__"].startswith("meshtrace"):
         level, frame = level + 1, frame.f_back
@@ -305,7 +305,7 @@ def _is_few(row: ScatteredSamples) -> bool:
 
 
 def _samples(result: GainResult) -> list[tuple[int, ScatteredSamples, float]]:
-    """Return rows (receiver, samples, gain of the part) of the parts of a gain that matter.
+    """Return rows (receiver, samples, gain of the part) for the parts of a gain that matter.
 
     Parts are scattered light and light that the surface reflects first.
     """
@@ -319,7 +319,7 @@ def _samples(result: GainResult) -> list[tuple[int, ScatteredSamples, float]]:
 def _that_matter(
     samples: list[ScatteredSamples], share: Any, gain: Floats
 ) -> list[tuple[int, ScatteredSamples, float]]:
-    """Return rows (receiver, samples, gain of the part) of receivers for which a part matters.
+    """Return rows (receiver, samples, gain of the part) for receivers where a part matters.
 
     `share` (receivers,) is the gain of that part, None if it was not measured.
     """
@@ -346,7 +346,7 @@ def warn_of_omitted(link: Link, gain: Floats, returned: Floats | None = None) ->
     """
     returned = returned_gain(link) if returned is None else returned
     # to one digit: the closed-form estimate is good to a factor of 3
-    for r in np.flatnonzero(counts(returned, gain)):
+    for r in np.flatnonzero(exceeds(returned, gain)):
         percent = float(f"{100.0 * returned[r] / (gain[r] + returned[r]):.1g}")
         _warn(
             f"receiver {r}: about {percent:g} % of the light leaves the water after a reflection "
@@ -391,9 +391,7 @@ def _planes(link: Link, sums: PhotonSums, mean: Floats, stderr: Floats) -> talli
     columns = [values[i::4] for values in (mean, stderr) for i in range(4)]
     radiance = {}
     if link.planes.n_cosines:
-        # photons of each group, id modulo SHIFTS: the first groups may have one more
-        flux, photons = sums.radiance.value(), np.full(SHIFTS, sums.photons // SHIFTS)
-        photons[: sums.photons % SHIFTS] += 1
+        flux, photons = sums.radiance.value(), photons_by_group(sums.photons)
         error = np.full(flux.shape[1:], np.nan)
         # a group of a single photon shows no scatter
         if sums.photons >= 2 * SHIFTS:

@@ -1,4 +1,4 @@
-"""View of a receiver: sea and daylight as its rays meet them, and points that bend the sun to it.
+"""Rays of a receiver, the sea and daylight that they meet, and points that bend the sun to it.
 
 Rays run backwards, from the receiver to the light. Coordinates and lengths are local, in the unit
 of the frame of the link.
@@ -54,7 +54,7 @@ LEVELS = 4000
 
 
 class View(NamedTuple):
-    """Receiver in local coordinates: disk, line of sight, field of view, and its points."""
+    """Receiver in local coordinates: disk, line of sight, field of view and quasi-random rays."""
 
     center: Floats
     axis: Floats  # line of sight, from the receiver
