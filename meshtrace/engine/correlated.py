@@ -312,7 +312,7 @@ class FrozenForced:
         return [merged(pieces) for pieces in by_receiver]
 
     def _aimed(self, link: Link, mesh: TriangleMesh) -> tuple[ForcedLink, AimedChains]:
-        """Return the arrays of a link, and the surface prepared for it, from a cache if recent."""
+        """Return the arrays of a link and the surface prepared for it, cached if recent."""
         # in the frame of the base: another frame would scale chains and facets anew
         arrays = forced_link(link, self._base.arrays.frame)
         if len(arrays.emitters) != len(self._base.arrays.emitters):
@@ -336,7 +336,7 @@ class FrozenForced:
     def _sets(
         self, link: Link, arrays: ForcedLink, aimed: AimedChains, shifts: int = SHIFTS
     ) -> list[list[ChainSet]]:
-        """Return the chains of a link by source, from a cache for recent geometries."""
+        """Return the chains of a link by source, cached for recent geometries."""
         histories, ends = _histories(link, arrays), _ends(arrays)
         key = repr((ends, histories, aimed.sampled, shifts))
         # chains that another thread is drawing are waited for, not drawn twice

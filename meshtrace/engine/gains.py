@@ -94,7 +94,7 @@ class Gains:
         )
 
     def add(self, other: Gains, receivers: Sequence[int]) -> Gains:
-        """Add the sums over other samples to the given receivers, in which one may repeat."""
+        """Add the sums over other samples to receivers, some of which may be given twice."""
         # `add.at`, as an indexed += would add once to a receiver that repeats
         last: Any = (..., np.array(receivers, np.intp))
         np.add.at(self.groups, (*last, slice(None)), other.groups)

@@ -240,7 +240,7 @@ def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Floats:
 
 
 def lack_of_samples(result: GainResult) -> float:
-    """Return the largest ratio of `_FEW` to the effective sample size of a part of a gain.
+    """Return the largest ratio of the required to the effective sample size of a part of a gain.
 
     Parts are scattered light and light that the surface reflects first, where they matter. Above 1
     the standard error of a gain is itself uncertain.

@@ -146,7 +146,7 @@ class View(NamedTuple):
 
 
 def view_of(link: Link, points: int, seed: int) -> View:
-    """Return the view of a link's aperture with quasi-random rays, in local coordinates."""
+    """Return the view of the aperture of a link, with quasi-random rays, in local coordinates."""
     aperture, frame = only_aperture(link), frame_of(link)
     psi = math.radians(0.5 * aperture.fov_deg)
     # the axis of an aperture is the direction of light at normal incidence: rays run against it
