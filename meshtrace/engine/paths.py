@@ -224,9 +224,17 @@ def _chained(
             # light
             drawn = rng.choice(len(arrivals), min(n, len(arrivals)), p=weight / weight.sum())
             ends = arrays.emitters[e], arrays.targets[t]
-            place = partial(_placed, chain_set.chains, arrivals[drawn], *ends)
+            place = partial(_of_chains, chain_set.chains, arrivals[drawn], ends)
             drawn_sets.append((float(weight.sum()), len(drawn), place))
     return drawn_sets
+
+
+def _of_chains(
+    chains: Chains, arrivals: NDArray[np.void], ends: tuple[Emitter, Target],
+    chosen: NDArray[np.intp],
+) -> Floats:  # fmt: skip
+    """Return the points (chosen, m, 3) of some of the chains that arrive."""
+    return _placed(chains, arrivals[chosen], *ends)
 
 
 def _straight_and_mirrored(aimed: AimedChains, n: int, rng: np.random.Generator) -> list[_Set]:
@@ -278,14 +286,10 @@ def _mirror_points(
     return np.where(within[:, None], place, centroids)
 
 
-def _placed(
-    chains: Chains, arrivals: NDArray[np.void], emitter: Emitter, target: Target,
-    chosen: NDArray[np.intp],
-) -> Floats:  # fmt: skip
-    """Return the points (chosen, m, 3) of some of the chains that arrive, in local coordinates."""
+def _placed(chains: Chains, arrivals: NDArray[np.void], emitter: Emitter, target: Target) -> Floats:
+    """Return the points (arrivals, n, 3) of chains from emitter to target, in local coordinates."""
     # chains are drawn as if emitted along z: turned as a whole, they leave along the direction
     # `emission`; their vertices are relative to the start
-    arrivals = arrivals[chosen]
     i = arrivals["chain"]
     emission = Vec3(*arrivals["emission"].T[..., None])
     vertices = np.stack(_turned(emission, Vec3(*np.moveaxis(chains.vertex[i], -1, 0))), axis=-1)
