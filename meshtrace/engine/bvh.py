@@ -143,6 +143,21 @@ class _Called:
         return out
 
 
+def filled_bins(
+    x: float, y: float, step: float, shape: tuple[int, int], vertices: Floats,
+    faces: NDArray[np.int32],
+) -> Locator:  # fmt: skip
+    """Return bins from the corner (x, y) on, with the facets that may touch each."""
+    empty = Locator(x, y, step, *shape, np.zeros(math.prod(shape) + 1, np.int64), _NONE)
+    # counting sort: one array of facets ordered by bin, and the start of each bin in it
+    places = np.empty((len(vertices), 2), np.int64)
+    count_bins(vertices, faces, empty, places)
+    np.cumsum(empty.start, out=empty.start)
+    bins = empty._replace(facet=np.empty(empty.start[-1], np.int32))
+    fill_bins(faces, bins, places, bins.start[:-1].copy())
+    return bins
+
+
 class WalkedScene(_Called):
     """Scene of `kernels.walk`, of the same single-precision corners as those of Embree."""
 
@@ -154,14 +169,7 @@ class WalkedScene(_Called):
         step = 0.5 * math.sqrt(max(2.0 * size[0] * size[1] / len(facets), 1e-12))
         nx, ny = (min(int(size[k] / step) + 1, _MOST_BINS) for k in (0, 1))
         step = max(step, size[0] / nx, size[1] / ny)
-        starts = np.zeros(nx * ny + 1, np.int64)
-        bins = Locator(float(low[0]), float(low[1]), step, nx, ny, starts, _NONE)
-        places = np.empty((len(corners), 2), np.int64)
-        # counting sort, as `setup.arrays.locator`
-        count_bins(corners, facets, bins, places)
-        np.cumsum(bins.start, out=bins.start)
-        bins = bins._replace(facet=np.empty(bins.start[-1], np.int32))
-        fill_bins(facets, bins, places, bins.start[:-1].copy())
+        bins = filled_bins(float(low[0]), float(low[1]), step, (nx, ny), corners, facets)
         self._numbers = packed(corners, facets, bins)
         self.function = walker().address, self._numbers.ctypes.data
 

@@ -1,4 +1,4 @@
-"""Choice of the estimators of the scattered light, receiver by receiver.
+"""Choose the estimator of the scattered light of each receiver.
 
 Chains that are aimed at the aperture are efficient where a lamp illuminates much of the surface and
 light is scattered by small angles. Joined photons are efficient for beams narrower than the spread
@@ -196,7 +196,7 @@ class ScatteredPilot(NamedTuple):
         return cls(mean, square - mean**2, photons.part_stderr[SCATTERED])
 
     def log_variance_bound(self) -> Floats:
-        """Return the logarithm of about the largest relative variance that agrees with the pilot.
+        """Return the logarithm of an approximate upper bound on the relative variance.
 
         The pilots that are compared differ in time: the error of a mean tells how well its variance
         is known, not how efficient its estimator is.
@@ -249,14 +249,14 @@ def chain_cost(expected: float, turn: float = 1.0) -> float:
 
 
 def pilot_photons(expected: float, turn: float, wavelengths: int = 1) -> int:
-    """Return the number of joined photons of a pilot, by the arguments of `is_forward`."""
+    """Return the number of joined photons of a pilot; arguments as of `is_forward`."""
     # `choose_common` judges the sum over all wavelengths: fewer photons decide as surely
     together = wavelengths > 1 and expected >= TURBID
     return _FEW_PILOT_PHOTONS if together or is_forward(expected, turn) else _PILOT_PHOTONS
 
 
 def reflected_per_chain(returned: Floats, variance: Floats) -> float:
-    """Return the joined photons, per chain, that measure light reflected first well enough.
+    """Return the number of joined photons per chain that light reflected first is worth.
 
     With V the relative variance of one photon and r the estimated gain of that light (receivers,),
     r^2 V / n_photons is a share s^2 of `variance` / n_chains, that of the gain by chains.
@@ -286,7 +286,7 @@ def choose(
 def _misses_light(
     chains: ScatteredPilot, photons: ScatteredPilot, expected: float
 ) -> NDArray[np.bool_]:
-    """Return whether chains miss light of each receiver, by the arguments of `choose`."""
+    """Return whether chains miss light of each receiver; arguments as of `choose`."""
     # light that chains miss does not show in their variance: only photons reveal it
     excess = photons.mean - chains.mean
     missed = excess > _DOUBT * np.hypot(photons.stderr, chains.stderr)
@@ -534,6 +534,6 @@ def _seen(receiver: Any, place: Floats, below: float) -> Floats:
     return np.asarray(np.where(seen, area * view * rise / (math.pi * distance**2), 0.0))
 
 
-def counts(returned: Floats, gain: Floats, share: float = LITTLE) -> NDArray[np.bool_]:
+def exceeds(returned: Floats, gain: Floats, share: float = LITTLE) -> NDArray[np.bool_]:
     """Return whether light that the surface reflects first exceeds a share of each gain > 0."""
     return (returned > share * gain) & (gain > 0.0)

@@ -244,7 +244,7 @@ class FrozenForced:
         self._lock = Lock()
 
     def gains(self, link: Link, mesh: TriangleMesh, shifts: int = SHIFTS) -> Floats:
-        """Return the gain of a neighbouring link by shift of the Sobol points.
+        """Return the gain of a neighbouring link for each shift of the Sobol points.
 
         Parameters
         ----------
@@ -312,7 +312,7 @@ class FrozenForced:
         return [merged(pieces) for pieces in by_receiver]
 
     def _aimed(self, link: Link, mesh: TriangleMesh) -> tuple[ForcedLink, AimedChains]:
-        """Return the arrays of a link, and the surface prepared for it, from a cache if recent."""
+        """Return the arrays of a link and the surface prepared for it, cached if recent."""
         # in the frame of the base: another frame would scale chains and facets anew
         arrays = forced_link(link, self._base.arrays.frame)
         if len(arrays.emitters) != len(self._base.arrays.emitters):
@@ -336,7 +336,7 @@ class FrozenForced:
     def _sets(
         self, link: Link, arrays: ForcedLink, aimed: AimedChains, shifts: int = SHIFTS
     ) -> list[list[ChainSet]]:
-        """Return the chains of a link by source, from a cache for recent geometries."""
+        """Return the chains of a link by source, cached for recent geometries."""
         histories, ends = _histories(link, arrays), _ends(arrays)
         key = repr((ends, histories, aimed.sampled, shifts))
         # chains that another thread is drawing are waited for, not drawn twice
@@ -380,15 +380,15 @@ class FrozenForced:
 
 
 def _ends(arrays: ForcedLink) -> str:
-    """Return all that the crossings of still water depend on beside the histories of chains."""
+    """Return a key of what crossings of still water depend on, apart from histories of chains."""
     lamps = [(e.position, e.axis, e.radius) for e in arrays.emitters]
     return repr((lamps, [(t.center, t.axis, t.radius) for t in arrays.targets]))
 
 
 def _histories(link: Link, arrays: ForcedLink) -> str:
-    """Return all that the histories of chains depend on, but for the distributions of the base.
+    """Return a key of what histories of chains depend on, apart from the distributions of the base.
 
-    Coefficients of the water are not part of it: they are in the weights.
+    Coefficients of the water are not part of it: weights have them.
     """
     parts = link.water.phase, link.bubbles, link.physics
     models = [part and part.model_dump_json() for part in parts]

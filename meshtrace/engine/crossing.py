@@ -104,7 +104,7 @@ class Aim(NamedTuple):
 
 
 class Jacobian(NamedTuple):
-    """The map near a crossing: dX/dP = ((a, b), (c, d)), d(w_x, w_y)/dP = ((wa, wb), (wc, wd)).
+    """The map near a crossing: dX/dP = ((a, b), (c, d)) and d(w_x, w_y)/dP.
 
     Rows are components of X and w, columns those of P; P moves on the plane of a facet.
     """
@@ -115,10 +115,7 @@ class Jacobian(NamedTuple):
     b: float
     c: float
     d: float
-    wa: float
-    wb: float
-    wc: float
-    wd: float
+    turns: tuple[float, float, float, float]  # d(w_x, w_y)/dP, row by row
 
 
 @inlined
@@ -249,7 +246,8 @@ def quotients(m, a, b):
 def differences(m, a, b):
     """Return the `Jacobian` of `Aim` m from the `Aim` one step along x (a) and along y (b)."""
     ok = m.ok and a.ok and b.ok
-    return Jacobian(ok, m, *quotients(m.at, a.at, b.at), *quotients(m.w, a.w, b.w))
+    xx, xy, yx, yy = quotients(m.at, a.at, b.at)
+    return Jacobian(ok, m, xx, xy, yx, yy, quotients(m.w, a.w, b.w))
 
 
 @inlined
@@ -270,7 +268,7 @@ def solid_angle_per_area(j):
     """Return `emission_per_area` of a `Jacobian`, 0 where it has none."""
     if not j.ok:
         return 0.0
-    return emission_per_area((j.wa, j.wb, j.wc, j.wd), j.aim.w, abs(j.a * j.d - j.b * j.c))
+    return emission_per_area(j.turns, j.aim.w, abs(j.a * j.d - j.b * j.c))
 
 
 @outlined
@@ -318,17 +316,17 @@ def flat_crossing(flat, x, y, shot, scene):
     flat.m11, flat.m12 = -(j.d * px - j.b * py) * k, -(j.d * qx - j.b * qy) * k
     flat.m21, flat.m22 = -(j.a * py - j.c * px) * k, -(j.a * qy - j.c * qx) * k
     flat.h1, flat.h2 = -(j.d * rx - j.b * ry) * k, -(j.a * ry - j.c * rx) * k
-    ax, ay = _left_behind(Vec3(1.0, 0.0, 0.0), j.aim.r, scene.target)
-    bx, by = _left_behind(Vec3(0.0, 1.0, 0.0), j.aim.r, scene.target)
+    ax, ay = _relative_change(Vec3(1.0, 0.0, 0.0), j.aim.r, scene.target)
+    bx, by = _relative_change(Vec3(0.0, 1.0, 0.0), j.aim.r, scene.target)
     flat.c11, flat.c12 = -(j.d * ax - j.b * ay) * k, -(j.d * bx - j.b * by) * k
     flat.c21, flat.c22 = -(j.a * ay - j.c * ax) * k, -(j.a * by - j.c * bx) * k
 
 
 @inlined
-def _left_behind(move, r, target):
-    """Return the derivative of a landing point, from the centre, as the aperture moves.
+def _relative_change(move, r, target):
+    """Return the change of a landing point, relative to the centre, as the aperture moves.
 
-    The ray stays: the plane cuts it elsewhere, and the centre moves away by `move`.
+    The plane cuts the same ray at another point, and the centre moves by `move`.
     """
     off = along(scaled(-1.0, move), r, dot(move, target.axis) / dot(r, target.axis))
     return dot(off, target.e1), dot(off, target.e2)
@@ -528,19 +526,20 @@ def add_root(roots, n, first, x, y, facet, branch, multiplicity):
     return n + 1
 
 
+_BEYOND = 1.0  # [m] beyond the reach of a target: no crossing lies farther from the flat one
+
+
 class Search(NamedTuple):
     """Extent of the search for roots on one surface."""
 
     audit: float  # share of chains for which all facets are searched; 1 for faceted normals
-    slope: float  # steepest slope of the surface
     margin: float  # [m], size of the facets
-    widest: float  # [m], limit on the distance of a crossing from the flat one
     curvature: float  # largest change of slope along an edge of the facets [m-1]
 
 
 @inlined
 def start_of(emitter, u, v):
-    """Return the start of a chain: the source, or a point (u, v) of the unit disk on its disk."""
+    """Return the start of a chain: the source, or the point (u, v) of an extended source."""
     # the same point of the unit disk as on the aperture: chains of an extended downlink need no
     # dimensions of their own for it
     if emitter.radius == 0.0:
@@ -574,17 +573,17 @@ def root_from(x0, y0, radius, shot, scene):
 
 @inlined
 def radius_of(flat, search, shot, scene):
-    """Return the largest distance of crossings of the wavy sea from a flat one [m].
+    """Return the largest distance of crossings of the wavy sea from that of the flat one [m].
 
     Array twin: `enumerate_roots` over all of the sea finds no others.
     """
     surface = scene.surface
     waves = max(abs(surface.high[2] - flat.level), abs(surface.low[2] - flat.level))
-    slope = search.slope + math.hypot(shot.tilt.x, shot.tilt.y)
+    slope = surface.max_slope + math.hypot(shot.tilt.x, shot.tilt.y)
     # |dP| <= (|dX/dslope| |slope| + |dX/dz| |z|) / smallest stretch, from the implicit derivative;
     # near a caustic, where the stretch vanishes, 1e-3 keeps it finite.
     move = MARGIN * (slope * flat.lever + waves * flat.lift) / max(flat.low, 1e-3)
-    return min(move + search.margin, search.widest)
+    return min(move + search.margin, scene.target.reach + _BEYOND)
 
 
 @inlined
@@ -619,7 +618,7 @@ def transmittance(m, scene):
 
 @inlined
 def acceptance(m, p, target, fov):
-    """Return the weight of light by its arrival: 1 inside the field of view, else 0.
+    """Return the weight of arriving light: 1 inside the field of view, else 0.
 
     Array twin: `meshtrace.kernels.tally.crosses_aperture`.
     A lamp that is reached backwards weighs by its intensity over the cosine on its plane.
@@ -637,7 +636,7 @@ def acceptance(m, p, target, fov):
 
 @inlined
 def forwards(m, p, facet, tilt, surface):
-    """Return the exposure of a facet to light from the air, relative to light in the water.
+    """Return the exposure of a facet to light from the air, relative to that to light from below.
 
     Array twin: the analog photon from a lamp in the air.
     A facet of normal g takes |a.g| of the flux along a in the air, and |w.g| of that along w in the

@@ -210,9 +210,12 @@ class ForcedDetection:
         `surface` is the same mesh, already prepared for a link that differs in the water alone;
         `record` adds a table with a row for every arrival, `per_lamp` the gains by lamp.
         """
-        # chains end below the ceiling of the expected sea: light above it would be missed
-        higher = self._reaching(mesh)
-        if higher is not self:
+        # chains end below the ceiling of the expected sea: light above it would be missed; the mesh
+        # is in metres, the ceiling in units of the frame
+        top = float(mesh.bounds[1, 2])
+        if top > self.drawer.ceiling * self.arrays.frame.unit and "chains" in self.method:
+            planner = replace(self.planner, sea=self.planner.sea._replace(crest=top))
+            higher = ForcedDetection.following(planner, planner.plan(self.photons))
             return higher.at_wavelengths(mesh, surface, record, per_lamp)
         aimed = surface.of_link(self.arrays) if surface else self.planner.aim_over(mesh)
         plan, shared = self.plan, self.planner.shared
@@ -410,15 +413,6 @@ class ForcedDetection:
         phi = 2.0 * math.pi * u[:, 1:2]
         circle = np.cos(phi) * e1 + np.sin(phi) * e2
         return (np.array(emitter.position) + radius[:, None] * circle).reshape(SHIFTS, -1, 3)
-
-    def _reaching(self, mesh: TriangleMesh) -> ForcedDetection:
-        """Return chains that reach the mesh: new ones if it is higher than the ceiling of these."""
-        # mesh in metres, ceiling in units of the frame
-        top = float(mesh.bounds[1, 2])
-        if top <= self.drawer.ceiling * self.arrays.frame.unit or "chains" not in self.method:
-            return self
-        planner = replace(self.planner, sea=self.planner.sea._replace(crest=top))
-        return ForcedDetection.following(planner, planner.plan(self.photons))
 
     def _tables(self, aimed: AimedChains) -> list[list[ArrivalTally]]:
         """Return tables of the arrivals of unscattered light and of chains, by wavelength."""

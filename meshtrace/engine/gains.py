@@ -94,7 +94,7 @@ class Gains:
         )
 
     def add(self, other: Gains, receivers: Sequence[int]) -> Gains:
-        """Add the sums over other samples to the given receivers, which may repeat."""
+        """Add the sums over other samples to receivers, some of which may be given twice."""
         # `add.at`, as an indexed += would add once to a receiver that repeats
         last: Any = (..., np.array(receivers, np.intp))
         np.add.at(self.groups, (*last, slice(None)), other.groups)
@@ -166,7 +166,7 @@ class Gains:
 
     @property
     def scattered(self) -> Floats:
-        """Gain by group of what met water, bottom or bodies, without light reflected first."""
+        """Gain by group of light scattered by water, bottom or bodies, and not reflected first."""
         return sum_of_parts(self.groups, _SCATTERED_PARTS)
 
     @property
@@ -280,11 +280,10 @@ class Gains:
 
     def of_photons(self, photons: int) -> Gains:
         """Return the gains per photon from sums over photons 0, 1, ..., `photons` - 1."""
-        # a group estimates the gain from its own photons; the first ones may have one more
-        in_group = np.bincount(np.arange(photons) % SHIFTS, minlength=SHIFTS)
+        # a group estimates the gain from its own photons
         return replace(
             self,
-            groups=self.groups / in_group,
+            groups=self.groups / photons_by_group(photons),
             all_orders=self.all_orders / photons,
             square=self.square / photons**2,
             samples=np.full_like(self.samples, photons),
@@ -317,7 +316,7 @@ class Gains:
 def places_of(
     arrivals: NDArray[np.void], seed: int, link: Link, lamps: int, receivers: int
 ) -> NDArray[np.int64] | None:
-    """Return the place of each arrival among gains by lamp; None, the receiver, for one lamp."""
+    """Return the index of each arrival among gains by lamp; None for one lamp."""
     if lamps == 1:
         return None
     return lamps_of(arrivals["photon"], seed, link) * receivers + arrivals["receiver"]
@@ -330,6 +329,12 @@ def lamps_of(photons: NDArray[np.int64], seed: int, link: Link) -> NDArray[np.in
     words = getattr(philox, "py_func", philox)(seed, photons, 0, Purpose.LAUNCH)
     u = (words[3].astype(float) + 0.5) * 2.0**-32
     return np.searchsorted((np.cumsum(power) / power.sum())[:-1], u, side="right")
+
+
+def photons_by_group(photons: int) -> NDArray[np.int64]:
+    """Return the numbers of photons in the groups, by id modulo SHIFTS."""
+    # the first groups may have one more
+    return (photons + SHIFTS - 1 - np.arange(SHIFTS)) // SHIFTS
 
 
 def widened(orders: Floats, width: int) -> Floats:
@@ -384,12 +389,12 @@ def pixel_groups(table: ArrivalTally, link: Link) -> Floats:
 
 
 def shares_of(arrivals: NDArray[np.void], photons: int) -> Floats:
-    """Return the factor (rows,) on the weight of each row in the gain by `photons` photons.
+    """Return the factors (rows,) by which weights of arrivals sum to the gain of all photons.
 
-    Their numbers are 0 ... `photons` - 1. Groups may differ by a photon: the gain is the mean over
-    the means of the groups.
+    Photons have the numbers 0 ... `photons` - 1. Groups may differ by a photon: the gain is the
+    mean over the means of the groups.
     """
-    in_group = np.bincount(np.arange(photons) % SHIFTS, minlength=SHIFTS)
+    in_group = photons_by_group(photons)
     return np.asarray(1.0 / (SHIFTS * in_group[arrivals["photon"] % SHIFTS]))
 
 

@@ -44,7 +44,7 @@ _LITTLE = 3e-3  # relative error below which two coarse grids suffice, tuned
 _RANDOM_SLOPES = 4.0  # standard deviations of random slopes; a Gaussian of two components has
 # exp(-4^2 / 2) = 3e-4 of the light beyond
 _LIT_SLOPES = 4.5  # standard deviations of slopes that `Link.lit_patch` covers
-_BESIDE = 2  # lines of margin beyond the light
+_MARGIN = 2  # lines of margin beyond the light
 _PLANE = 1e-12  # largest difference of the normals of a plane: rounding
 
 
@@ -123,9 +123,12 @@ def relative_mesh_error(
     # a plane is the same at any spacing
     if float(np.ptp(mesh.vertex_normals, axis=0).max()) < _PLANE:
         return np.zeros(receivers), np.zeros(receivers)
-    sheet = _sheet(mesh)
-    if sheet is None:
+    shape = grid_shape(mesh)
+    # every second of four lines leaves two, one cell
+    if shape is None or min(shape) < 4:
         return None
+    # points and normals of a mesh by `triangulate`
+    sheet = np.stack([mesh.vertices, mesh.vertex_normals]).reshape(2, *shape, 3)
     try:
         arrays = forced_link(link)
     except Refused:
@@ -185,15 +188,6 @@ def _unscattered(
     return link.by_receiver(gains), aimed.blurred
 
 
-def _sheet(mesh: TriangleMesh) -> Floats | None:
-    """Return points and normals (2, nx, ny, 3) of a mesh by `triangulate`, None of another."""
-    shape = grid_shape(mesh)
-    # every second of four lines leaves two, one cell
-    if shape is None or min(shape) < 4:
-        return None
-    return np.stack([mesh.vertices, mesh.vertex_normals]).reshape(2, *shape, 3)
-
-
 def _patch(link: Link, mesh: TriangleMesh, sheet: Floats) -> Floats:
     """Return the part of a sheet where unscattered light can cross to a receiver."""
     # `lit_patch` covers 4.5 standard deviations of the slope that it is given: a 4.5th of the
@@ -208,7 +202,7 @@ def _patch(link: Link, mesh: TriangleMesh, sheet: Floats) -> Floats:
         low, high = values.min(axis=1 - axis), values.max(axis=1 - axis)
         inside = np.flatnonzero((high >= center[axis] - half) & (low <= center[axis] + half))
         first, last = (inside[0], inside[-1]) if len(inside) else (0, len(low) - 1)
-        lines.append(slice(max(first - _BESIDE, 0), last + _BESIDE + 1))
+        lines.append(slice(max(first - _MARGIN, 0), last + _MARGIN + 1))
     return sheet[:, lines[0], lines[1]]
 
 

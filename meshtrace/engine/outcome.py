@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from meshtrace.engine.bvh import EmbreeIntersector
-from meshtrace.engine.choice import counts, returned_gain
+from meshtrace.engine.choice import exceeds, returned_gain
 from meshtrace.engine.forced import ForcedDetection
-from meshtrace.engine.gains import Gains, Method, lamps_of, pixel_groups, table_of
+from meshtrace.engine.gains import Gains, Method, lamps_of, photons_by_group, pixel_groups, table_of
 from meshtrace.engine.photons.analog import PhotonSums, run_analog
 from meshtrace.engine.photons.arriving import largest_weight
 from meshtrace.engine.setup import options
@@ -231,7 +231,7 @@ def _bound_of_dark(case: Case, mesh: TriangleMesh, gain: Floats) -> Floats:
 
 
 def lack_of_samples(result: GainResult) -> float:
-    """Return the largest ratio of `_FEW` to the effective sample size of a part of a gain.
+    """Return the largest ratio of the required to the effective sample size of a part of a gain.
 
     Parts are scattered light and light that the surface reflects first, where they matter. Above 1
     the standard error of a gain is itself uncertain.
@@ -296,7 +296,7 @@ def _is_few(row: ScatteredSamples) -> bool:
 
 
 def _samples(result: GainResult) -> list[tuple[int, ScatteredSamples, float]]:
-    """Return rows (receiver, samples, gain of the part) of the parts of a gain that matter.
+    """Return rows (receiver, samples, gain of the part) for the parts of a gain that matter.
 
     Parts are scattered light and light that the surface reflects first.
     """
@@ -310,7 +310,7 @@ def _samples(result: GainResult) -> list[tuple[int, ScatteredSamples, float]]:
 def _that_matter(
     samples: list[ScatteredSamples], share: Any, gain: Floats
 ) -> list[tuple[int, ScatteredSamples, float]]:
-    """Return rows (receiver, samples, gain of the part) of receivers for which a part matters.
+    """Return rows (receiver, samples, gain of the part) for receivers where a part matters.
 
     `share` (receivers,) is the gain of that part, None if it was not measured.
     """
@@ -338,7 +338,7 @@ def warn_of_omitted(link: Link, gain: Floats, returned: Floats | None = None) ->
     """
     returned = returned_gain(link) if returned is None else returned
     # to one digit: the closed-form estimate is good to a factor of 3
-    for r in np.flatnonzero(counts(returned, gain)):
+    for r in np.flatnonzero(exceeds(returned, gain)):
         percent = float(f"{100.0 * returned[r] / (gain[r] + returned[r]):.1g}")
         warn(
             f"receiver {r}: about {percent:g} % of the light leaves the water after a reflection "
@@ -386,9 +386,7 @@ def _planes(link: Link, sums: PhotonSums, mean: Floats, stderr: Floats) -> talli
     columns = [values[i::4] for values in (mean, stderr) for i in range(4)]
     radiance = {}
     if link.planes.n_cosines:
-        # photons of each group, id modulo SHIFTS: the first groups may have one more
-        flux, photons = sums.radiance.value(), np.full(SHIFTS, sums.photons // SHIFTS)
-        photons[: sums.photons % SHIFTS] += 1
+        flux, photons = sums.radiance.value(), photons_by_group(sums.photons)
         error = np.full(flux.shape[1:], np.nan)
         # a group of a single photon shows no scatter
         if sums.photons >= 2 * SHIFTS:

@@ -1,4 +1,4 @@
-"""Arrivals of light at receivers, by scattering chains or unscattered, one row each."""
+"""Arrivals of unscattered light and of scattering chains at receivers, one row each."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def straight_light(link: ForcedLink, emitter: int, target: int) -> Light:
 
 
 def _in_medium(link: ForcedLink, length: Floats) -> tuple[Floats, Floats]:
-    """Return the lengths in water and air of paths in the medium of both ends of a link."""
+    """Return the lengths in water and in air of paths that stay in the medium of both ends."""
     dry = np.zeros_like(length)
     return (length, dry) if link.direction == "under" else (dry, length)
 
@@ -168,8 +168,8 @@ def chain_light(
     """Return the arrivals of a set of chains, or of a block of one."""
     link, unit = aimed.link, aimed.link.frame.unit
     # Number of the first chain among the n of its request: a block has some of them, and their
-    # mean over n is the gain. `audit` has one entry a chain.
-    first, n = (block.span.start, block.request.number) if block else (0, len(chains.audit))
+    # mean over n is the gain.
+    first, n = (block.span.start, block.request.number) if block else (0, chains.number)
     _, arrivals = aimed.aim(emitter, target, chains, keep=True)
     # each chain aims at a point of its own on the aperture
     end, chain = link.targets[target], arrivals["chain"]
@@ -195,7 +195,7 @@ def chain_light(
 def _angles(
     arrays: ForcedLink, emitter: int, target: int, start: Floats, end: Floats
 ) -> tuple[Floats, Floats]:
-    """Return angles of arrival [rad] and cosines of emission of chains, by their two end segments.
+    """Return angles of arrival [rad] and cosines of emission, from the end segments of chains.
 
     `start` and `end` (n, 3) point along the chain, from its lower to its upper end. Chains of light
     that goes down run backwards, from the receiver to the lamp.

@@ -31,6 +31,7 @@ from meshtrace.models import Floats
 if TYPE_CHECKING:
     import xarray as xr
 
+_CHAINS = 4096  # from which the paths of received light are drawn
 _turned = getattr(turned, "py_func", turned)  # as it is without the JIT
 
 
@@ -149,9 +150,7 @@ def _split(recorder: Recorder) -> PhotonPaths:
     return out
 
 
-def received_paths(
-    link: Link, mesh: TriangleMesh, n: int, seed: int, normals: str, chains: int = 4096
-) -> PhotonPaths:
+def received_paths(link: Link, mesh: TriangleMesh, n: int, seed: int, normals: str) -> PhotonPaths:
     """Return n paths of light into the first receiver, sampled in proportion to their weight.
 
     Paths go from the source by way of the scatterings and the crossing to the aperture; all carry
@@ -166,7 +165,7 @@ def received_paths(
         sets = _straight_and_mirrored(aimed, n, rng)
     else:
         sea = TypicalSea.of_meshes([mesh])
-        forced = ForcedDetection(link, chains, seed, normals, sea=sea, scattered="chains")
+        forced = ForcedDetection(link, _CHAINS, seed, normals, sea=sea, scattered="chains")
         arrays = forced.arrays
         sets = _chained(forced, mesh, n, rng)
     if not sets:
@@ -217,8 +216,8 @@ def _chained(
         e, t = (0, s) if arrays.down else (s, 0)
         for chain_set in map(forced.drawer.whole, sets[e]):
             _, arrivals = aimed.aim(e, t, chain_set, keep=True)
-            # `audit` has one entry a chain: the gain is the mean over them all
-            weight = power * arrivals["weight"] / len(chain_set.audit)
+            # the gain is the mean over all chains
+            weight = power * arrivals["weight"] / chain_set.number
             if not weight.sum() > 0.0:
                 continue
             # drawn with replacement, in proportion to weight: each drawn path stands for the same

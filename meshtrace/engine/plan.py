@@ -122,9 +122,10 @@ class Plan:
 
 @dataclass
 class Planner:
-    """Maker of the plans of a link, with the parameters of `ForcedDetection` and two more.
+    """Planner of the estimators and samples of a link.
 
-    `search` is that of `AimedChains`, `wavelengths` are the paths that several wavelengths share.
+    Parameters are those of `ForcedDetection`, with `search` of `AimedChains` and `wavelengths`, the
+    paths that several wavelengths share.
     """
 
     link: Link
@@ -163,7 +164,7 @@ class Planner:
         return planner
 
     def plan(self, photons: int, comparison: Comparison | None = None) -> Plan:
-        """Return the plan for a number of chains in all, by a comparison that is done if needed.
+        """Return the plan for a total number of chains; estimators are compared unless given.
 
         Raises
         ------
@@ -182,7 +183,7 @@ class Planner:
         return Plan(photons, method, chains, joined, joined_to, reflects)
 
     def photons_for(self, rtol: float, most: int, comparison: Comparison) -> int:
-        """Return the number of chains for a relative error by the pilots, at most `most`.
+        """Return the number of chains that a relative error needs by the pilots, at most `most`.
 
         Pilots and runs have independent random numbers, so that the choice biases nothing. The
         variance of pilots is that of independent points, which is about right for few Sobol points.
@@ -420,7 +421,7 @@ class Planner:
         if reflects and len(joined) < len(every) and gain is not None:
             # light that the surface reflects first may be too little to be worth photons
             returned = self.returned[self._piloted]
-            counted = choice.counts(returned, gain, choice.MEASURED)
+            counted = choice.exceeds(returned, gain, choice.MEASURED)
             bright = set(self._piloted[counted].tolist())
             first = self._first.tolist()
             served = [r for r in every if first[r] in bright or method[r] == "joined"]
@@ -460,7 +461,7 @@ class Planner:
 
     @property
     def _turn(self) -> float:
-        """1 - g, the isotropic scatterings that turn light as much as one."""
+        """1 - g, the number of isotropic scatterings equivalent to one."""
         return 1.0 - self.link.water.phase.mean_cosine
 
     @cached_property

@@ -68,13 +68,12 @@ _IN_PLANE = 1e-12
 _HAIR = 1e-6
 
 
-class _Arcs(NamedTuple):
-    """Arcs of directions at polar angles to the axis of the aperture, each (n,) [rad]."""
+_Arcs = tuple[Floats, Floats, Floats, Floats]
+"""Arcs of directions at polar angles to the axis of the aperture: four arrays (n,) [rad].
 
-    theta: Floats
-    weight: Floats  # of the quadrature over theta, with its dtheta [rad], without sin(theta)
-    low: Floats  # azimuths at both ends of an arc, low < high; not wrapped to one turn
-    high: Floats
+The polar angle theta; the weight of the quadrature over it, with its dtheta, without sin(theta);
+and the azimuths low < high at both ends of the arc, not wrapped to one turn.
+"""
 
 
 class _Sight(NamedTuple):
@@ -292,7 +291,7 @@ def _arcs_inside(sight: _Sight, panels: Floats, n: int) -> _Arcs:
     turns = sight.turn + 2.0 * math.pi * np.arange(-1, 2)[:, None]
     start, end = np.maximum(-disk, turns - beam), np.minimum(disk, turns + beam)
     _, i = overlaps = np.nonzero(end > start)
-    return _Arcs(theta[i], weight[i], start[overlaps], end[overlaps])
+    return theta[i], weight[i], start[overlaps], end[overlaps]
 
 
 def _shaded(
@@ -302,7 +301,7 @@ def _shaded(
     water: Medium | None,
     hiding: Sequence[Intersector],
 ) -> tuple[float, float]:
-    """Return the light that passes solids, and its error: a sum over panels, halved adaptively."""
+    """Return the light that passes solids, and its error, by adaptive halving of panels."""
     # (-change, low, high, halves) of parts: sums over both halves of the polar angles low to high,
     # and their change against the whole; minus, as a heap gives its least item: the largest change
     queue, n_splits = list[tuple[float, float, float, tuple[float, float]]](), 0
@@ -336,7 +335,7 @@ def _shaded(
 
 
 def _free_arcs(sight: _Sight, arcs: _Arcs, n: int, hiding: Sequence[Intersector]) -> _Arcs:
-    """Return the parts of arcs that no solid hides: n rays along each, then bisection."""
+    """Return the parts of arcs that no solid hides, by n rays along each and bisection."""
 
     def is_free(theta: Floats, azimuth: Floats) -> NDArray[np.bool_]:
         way = sight.points(theta, azimuth) - sight.start
@@ -345,38 +344,39 @@ def _free_arcs(sight: _Sight, arcs: _Arcs, n: int, hiding: Sequence[Intersector]
         nearest = [solid.intersect(origins, way).distance for solid in hiding]
         return np.min(nearest, axis=0) > 1.0 - _HAIR
 
-    if len(arcs.theta) == 0:
+    theta, weight, first, last = arcs
+    if len(theta) == 0:
         return arcs
     # at both ends, too: an edge may lie between an end and the next ray
-    azimuth = np.linspace(arcs.low, arcs.high, n, axis=1)
-    theta = np.broadcast_to(arcs.theta[:, None], azimuth.shape)
-    free = is_free(theta.ravel(), azimuth.ravel()).reshape(azimuth.shape)
+    azimuth = np.linspace(first, last, n, axis=1)
+    free = is_free(np.repeat(theta, n), azimuth.ravel()).reshape(azimuth.shape)
     # edges of shadows: arc and number of the last ray before each
     row, k = np.nonzero(free[:, 1:] != free[:, :-1])
     low, high, ends_free = azimuth[row, k], azimuth[row, k + 1], free[row, k]
     # 25 halvings: rays of single precision do not tell more than 2^-24 of an arc apart
     for _ in range(_HALVINGS // 2 if len(row) else 0):
         middle = 0.5 * (low + high)
-        before = is_free(arcs.theta[row], middle) == ends_free
+        before = is_free(theta[row], middle) == ends_free
         low, high = np.where(before, middle, low), np.where(before, high, middle)
     edge = 0.5 * (low + high)
     # Every free part runs from an end of its arc, or an edge, to the next. (arcs, rays): azimuths
     # at which a part begins with a ray, or ends with it, nan at other rays. Begins and ends
     # alternate along an arc, so that row by row the i-th of both belong to the same part.
     begins, ends = np.full((len(free), n), np.nan), np.full((len(free), n), np.nan)
-    begins[free[:, 0], 0] = arcs.low[free[:, 0]]
-    ends[free[:, -1], -1] = arcs.high[free[:, -1]]
+    begins[free[:, 0], 0] = first[free[:, 0]]
+    ends[free[:, -1], -1] = last[free[:, -1]]
     begins[row[~ends_free], k[~ends_free] + 1] = edge[~ends_free]
     ends[row[ends_free], k[ends_free]] = edge[ends_free]
     i, j = np.nonzero(~np.isnan(begins))
-    return _Arcs(arcs.theta[i], arcs.weight[i], begins[i, j], ends[~np.isnan(ends)])
+    return theta[i], weight[i], begins[i, j], ends[~np.isnan(ends)]
 
 
 def _sum_of(sight: _Sight, arcs: _Arcs, n: int, emitter: Emitter, water: Medium | None) -> float:
     """Return int I exp(-tau) dOmega over arcs, with n Gauss nodes along each, for a power of 1."""
     nodes, weights = gauss_legendre(n)
-    half = 0.5 * (arcs.high - arcs.low)
-    theta, azimuth = arcs.theta[:, None], (arcs.low + half)[:, None] + half[:, None] * nodes
+    polar, weight, low, high = arcs
+    half = 0.5 * (high - low)
+    theta, azimuth = polar[:, None], (low + half)[:, None] + half[:, None] * nodes
     # of the angle to the axis of the beam, by the law of haversines
     slant = np.sin(theta) * math.sin(sight.beta)
     haversine = np.sin(0.5 * (theta - sight.beta)) ** 2
@@ -388,7 +388,7 @@ def _sum_of(sight: _Sight, arcs: _Arcs, n: int, emitter: Emitter, water: Medium 
     if water is not None:
         intensity = intensity * np.exp(-_optical_depth(sight, theta, azimuth, water))
     # dOmega = sin(theta) dtheta dazimuth, dazimuth = half dnode
-    return float((arcs.weight * np.sin(arcs.theta) * half) @ (intensity @ weights))
+    return float((weight * np.sin(polar) * half) @ (intensity @ weights))
 
 
 def _tabulated(sight: _Sight, theta: Floats, azimuth: Floats, emitter: Emitter) -> Floats:

@@ -223,7 +223,7 @@ class CommonChains(Restored):
                 # Newton on the exact surface starts from the crossings of the mesh: each chain
                 # keeps its crossing, and the gains differ by the surfaces alone
                 _, arrivals = aimed.aim(source, 0, chains, keep=True)
-                score = np.zeros(len(chains.audit))
+                score = np.zeros(chains.number)
                 analytic.move_crossings(chains.chains, arrivals, waves, scene, score, counters)
                 scattered += power * score.reshape(SHIFTS, -1).mean(axis=1)
             # facets that send light straight to the aperture
@@ -366,16 +366,8 @@ def _aperture_points(rings: int) -> Chains:
     disk = radius[:, None, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
     n = rings * azimuths
     # no vertices: the open segment starts at the source, and no random slope tilts the surface
-    return Chains(
-        vertex=np.zeros((n, 0, 3)),
-        kind=np.zeros((n, 0), np.int8),
-        last=np.zeros((n, 3)),
-        path=np.zeros(n),
-        weight=np.repeat(0.5 * weight / azimuths, azimuths),
-        disk=disk.reshape(n, 2),
-        tail=np.zeros((n, 3)),
-        tilt=np.zeros((n, 2)),
-    )
+    weights = np.repeat(0.5 * weight / azimuths, azimuths)
+    return Chains.zeros(n, order=0)._replace(weight=weights, disk=disk.reshape(n, 2))
 
 
 def waves_at(sea: WaveSum, time: float, frame: Frame = IDENTITY) -> WaveComponents:

@@ -223,7 +223,7 @@ def _jacobians(points, facets, q, v, scene, out):
         j = crossing.jacobian(points[i, 0], points[i, 1], facets[i], shot, scene)
         out[i, 0] = 1.0 if j.ok else 0.0
         out[i, 1], out[i, 2], out[i, 3], out[i, 4] = j.a, j.b, j.c, j.d
-        out[i, 5], out[i, 6], out[i, 7], out[i, 8] = j.wa, j.wb, j.wc, j.wd
+        out[i, 5], out[i, 6], out[i, 7], out[i, 8] = j.turns
 
 
 @pytest.mark.parametrize("normals", ["vertex", "facet"])

@@ -61,7 +61,7 @@ def test_crossings_that_meet_count_once_in_any_order():
             crossings = arrivals[arrivals["chain"] == i]
             if len(crossings) < 2:
                 continue
-            scores, counts = np.zeros((2, len(drawn.audit))), np.zeros((2, 3), np.int64)
+            scores, counts = np.zeros((2, drawn.number)), np.zeros((2, 3), np.int64)
             for k, order in enumerate(([0, 1], [0, 1, 0, 1, 0])):
                 wave_sum.move_crossings(
                     drawn.chains, crossings[order], waves, scene, scores[k], counts[k]

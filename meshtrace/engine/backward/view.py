@@ -1,4 +1,4 @@
-"""View of a receiver: sea and daylight as its rays meet them, and points that bend the sun to it.
+"""Rays of a receiver, the sea and daylight that they meet, and points that bend the sun to it.
 
 Rays run backwards, from the receiver to the light. Coordinates and lengths are local, in the unit
 of the frame of the link.
@@ -54,7 +54,7 @@ LEVELS = 4000
 
 
 class View(NamedTuple):
-    """Receiver in local coordinates: disk, line of sight, field of view, and its points."""
+    """Receiver in local coordinates: disk, line of sight, field of view and quasi-random rays."""
 
     center: Floats
     axis: Floats  # line of sight, from the receiver
@@ -146,7 +146,7 @@ class View(NamedTuple):
 
 
 def view_of(link: Link, points: int, seed: int) -> View:
-    """Return the view of a link's aperture with quasi-random rays, in local coordinates."""
+    """Return the view of the aperture of a link, with quasi-random rays, in local coordinates."""
     aperture, frame = only_aperture(link), frame_of(link)
     psi = math.radians(0.5 * aperture.fov_deg)
     # the axis of an aperture is the direction of light at normal incidence: rays run against it

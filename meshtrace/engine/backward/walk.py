@@ -222,7 +222,7 @@ def _tallies(
 
 
 def _lost(phase: PhaseFunction, in_water: bool) -> float:
-    """Return the share of scattering that takes light out of the sun's beam: all in the water."""
+    """Return the share of scattering that removes light from the sun's beam, 1 in the water."""
     return 1.0 if in_water else 1.0 - float(phase.cdf(_FORWARD))
 
 

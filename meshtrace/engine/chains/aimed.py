@@ -63,8 +63,8 @@ _SPREAD = 1.1
 _TOGETHER = 2**15  # scores of chains to close receivers that are computed at a time; tuned: memory
 _IN_BLOCK = 128  # facets of a block, which one bound may leave out together; tuned: time
 _FEW_PAIRS = 8  # pairs of source and receiver up to which blocks save no time; tuned
-# Share of the chains over a gentle sea for which all facets are searched, see `gain._near`. Tuned:
-# time against noise, unbiased in either case.
+# Share of the chains over a gentle sea for which all facets are searched, see `gain._roots_near`.
+# Tuned: time against noise, unbiased in either case.
 _AUDITED = 0.02
 
 
@@ -154,7 +154,7 @@ class AimedChains:
 
     @cached_property
     def _extent(self) -> Search:
-        """Extent of the search for roots, without the reach of a target."""
+        """Extent of the search for roots."""
         extent = search_extent(self.surface, self.facets, self.locator)
         # level water has the crossings of the flat sea alone
         thorough = self._search_mode == "thorough" and self.surface.max_slope > 0.0
@@ -222,7 +222,7 @@ class AimedChains:
         serve them all.
         """
         # Crossings that Newton searches belong to one receiver alone.
-        most = max(_TOGETHER // len(chains.audit), 1) if self.blurred else 1
+        most = max(_TOGETHER // chains.number, 1) if self.blurred else 1
         groups: dict[int, list[int]] = {}
         for r in receivers:
             groups.setdefault(int(self.link.stands_for[r]), []).append(r)
@@ -239,7 +239,7 @@ class AimedChains:
         """
         receivers = [receivers] if isinstance(receivers, int) else receivers
         # several wavelengths are weights of the arrivals of one
-        n, keep = len(chains.audit) * len(receivers), keep or self._calibration is not None
+        n, keep = chains.number * len(receivers), keep or self._calibration is not None
         out = kernel.Output(
             score=np.zeros(n),
             # two crossings a chain: more are rare even where a sea focuses
@@ -261,11 +261,10 @@ class AimedChains:
         else:
             (receiver,) = receivers
             target, flat = self.link.targets[receiver], chains.crossings(receiver)
-            scene, extent = self.scene(emitter, target), self._extent
-            search = extent._replace(widest=target.reach + extent.widest)
+            scene = self.scene(emitter, target)
             with for_thread(self.link.bodies) as bodies:
                 scene = scene._replace(bodies=bodies)
-                count = kernel.contributions(chains.chains, flat, chains.audit, search, scene, out)
+                count = kernel.contributions(chains.chains, flat, self._extent, scene, out)
         arrivals = out.arrivals[:count]
         self.counters += out.counters
         if self._calibration is None:
@@ -306,7 +305,7 @@ class AimedChains:
         """Return the scores (wavelengths, n) of chains from their arrivals."""
         score, by_chain = np.zeros((self.wavelengths, n)), arrivals.copy()
         # arrivals count chains from one receiver to the next, see `aim`
-        by_chain["chain"] %= len(chains.audit)
+        by_chain["chain"] %= chains.number
         tints = self.chain_tints(source, chains, by_chain, self.tinting.tints)
         weights = self.tinting.factors(tints)
         weights *= arrivals["weight"]
@@ -569,14 +568,12 @@ def _upside_down(s: MeshArrays) -> tuple[MeshArrays, NDArray[np.void]]:
 
 
 def search_extent(surface: MeshArrays, facets: NDArray[np.void], bins: Locator) -> Search:
-    """Return the extent of the search for roots, `widest` beyond the reach of a target."""
+    """Return the extent of the search for roots."""
     near = bins.facet if len(bins.facet) else slice(None)
     return Search(
         # Newton does not converge where normals jump from facet to facet: search all facets then
         audit=_AUDITED if surface.interpolate else 1.0,
-        slope=surface.max_slope,
         margin=2.0 * float(facets["radius"][near].max()),
-        widest=1.0,
         curvature=float(facets["curvature"][near].max()),
     )
 

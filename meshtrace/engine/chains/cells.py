@@ -1,4 +1,4 @@
-"""Unscattered light over the cells of a map: images of the parts of every facet, without noise.
+"""Unscattered light on the cells of a map, from the images of all facets and free of noise.
 
 The field of view is that of an angle, and accepts light alike in all cells. Cells lie on the plane
 of the scene's aperture, whose centre is the middle of the map; `gain[k, m]` is the light on the
@@ -33,16 +33,6 @@ class Cells(NamedTuple):
     y: float
     step: float  # edge of a cell [m]
     n: int  # along each axis
-
-
-class Box(NamedTuple):
-    """Range of cells, both ends included, and the Gauss nodes that resolve their light."""
-
-    west: int  # indices along x
-    east: int
-    south: int  # indices along y
-    north: int
-    across: int  # nodes along an edge of a cell
 
 
 @inlined
@@ -118,28 +108,11 @@ def _radiant(x, y, f, shot, scene):
 
 
 @outlined
-def _part_cells(part, cells, poly, shot, scene, colours, gain):
-    """Add the light of a part of a facet inside the field of view to the cells of its image.
+def _triangle_cells(triangle, f, cells, poly, shot, scene, colours, gain):
+    """Add the light of a triangle, three corners on facet f, to the cells of its image.
 
     Array twin: `unscattered.image_gain` of one aperture.
     """
-    f = part.facet
-    p, q, r = unscattered.corners_of(part, scene.surface)
-    a = unscattered.corner(p, f, shot, scene)
-    b = unscattered.corner(q, f, shot, scene)
-    c = unscattered.corner(r, f, shot, scene)
-    if not (a.ok and b.ok and c.ok):
-        return
-    triangles, (a, b, c), (d, e, g) = unscattered.in_view(a, b, c)
-    if triangles > 0:
-        _triangle_cells((a, b, c), f, cells, poly, shot, scene, colours, gain)
-    if triangles > 1:
-        _triangle_cells((d, e, g), f, cells, poly, shot, scene, colours, gain)
-
-
-@outlined
-def _triangle_cells(triangle, f, cells, poly, shot, scene, colours, gain):
-    """Add the light of a triangle, three corners on facet f, to the cells of its image."""
     a, b, c = triangle
     # the cells that the bounding box of the image meets
     west = _cell_of(min(a.at.x, b.at.x, c.at.x), cells.x, cells)
@@ -224,7 +197,10 @@ def image_map(scene, cells, longer, stretch, lever, bend, stack, poly, colours, 
         while top > 0:
             part, top = unscattered.next_part(f, n, landing, stack, top, shot, scene)
             if part.side != 0:
-                _part_cells(part, cells, poly, shot, scene, colours, gain)
+                triangles, first, second = unscattered.triangles_of(part, shot, scene)
+                for k in range(triangles):
+                    triangle = second if k else first
+                    _triangle_cells(triangle, f, cells, poly, shot, scene, colours, gain)
 
 
 @entry
@@ -244,7 +220,7 @@ def blurred_map(scene, cells, longer, stretch, most, across, rules, colours, gai
     for f in range(len(scene.surface.faces)):
         facet = scene.facets[f]
         reach = scene.target.reach + facet.radius
-        if unscattered.is_beside(facet.x - center.x, facet.y - center.y, reach, landing):
+        if unscattered.is_out_of_reach(facet.x - center.x, facet.y - center.y, reach, landing):
             continue
         p = Vec3(facet.x, facet.y, facet.z)
         if is_dark(p, unscattered.spatial_radius(facet), landing.dark, scene.emitter):
@@ -254,7 +230,8 @@ def blurred_map(scene, cells, longer, stretch, most, across, rules, colours, gai
         x, y = (m.at.x, m.at.y) if m.ok else (0.0, 0.0)
         size = 2.0 * facet.radius * stretch
         box = _cells_in_reach(p, minus(p, source), m, f, size, across, cells, scene)
-        if box.west > box.east or box.south > box.north:
+        west, east, south, north, _ = box
+        if west > east or south > north:
             continue
         a, b, c = corners(scene.surface.vertices, f, scene.surface.faces)
         # An aperture where that light lands. The slopes that refract light there tell the number of
@@ -276,14 +253,16 @@ def blurred_map(scene, cells, longer, stretch, most, across, rules, colours, gai
 
 @outlined
 def _cells_in_reach(p, way, m, f, size, most, cells, scene):
-    """Return the `Box` of the cells that light may reach through a facet by random slopes.
+    """Return (west, east, south, north, nodes): the cells that random slopes send light to.
 
     Array twin: none, a bound.
-    The box about the ellipse of the largest slopes, for slopes linear in the landing point. `way`
-    leads from the source to the centroid p, m is the `Aim` there without random slopes, `size` [m]
-    that of the image of the facet, `most` the largest number of nodes along a cell.
+    Indices of the first and last cells along x and y that light may reach through a facet, and the
+    number of Gauss nodes along a cell that resolve it: the box about the ellipse of the largest
+    slopes, for slopes linear in the landing point. `way` leads from the source to the centroid p, m
+    is the `Aim` there without random slopes, `size` [m] that of the image of the facet, `most` the
+    largest number of nodes along a cell.
     """
-    whole = Box(0, cells.n - 1, 0, cells.n - 1, most)
+    whole = 0, cells.n - 1, 0, cells.n - 1, most
     length = norm(way)
     # 1/20 of the height: some 0.1 in the slope, over which landing points are linear
     w, step = scaled(1.0 / length, way), 0.05 * m.flight
@@ -308,7 +287,7 @@ def _cells_in_reach(p, way, m, f, size, most, cells, scene):
     square = g11 * g11 + g12 * g12 + g21 * g21 + g22 * g22
     # largest singular value of G: one point along a cell for each standard deviation
     steepest = math.sqrt(0.5 * (square + math.sqrt(max(square * square - 4.0 * det * det, 0.0))))
-    return Box(
+    return (
         max(_cell_of(m.at.x - dx, cells.x, cells), 0),
         min(_cell_of(m.at.x + dx, cells.x, cells), cells.n - 1),
         max(_cell_of(m.at.y - dy, cells.y, cells), 0),
@@ -319,9 +298,10 @@ def _cells_in_reach(p, way, m, f, size, most, cells, scene):
 
 @outlined
 def _reached(p, n, w, length, size, most, cells, scene):
-    """Return the `Box` of the cells to whose centres some random slope refracts light.
+    """Return `_cells_in_reach` of a facet whose own slope reflects all light.
 
     Array twin: none, a bound.
+    A cell counts if some random slope refracts light to its centre.
     The light of a point of the facet is wider than a cell, so that none falls between two centres.
     """
     # The landing points of a facet spread by its size about those of its centroid.
@@ -334,7 +314,7 @@ def _reached(p, n, w, length, size, most, cells, scene):
                 west, east = min(west, i - pad), max(east, i + pad)
                 south, north = min(south, j - pad), max(north, j + pad)
     last = cells.n - 1
-    return Box(max(west, 0), min(east, last), max(south, 0), min(north, last), most)
+    return max(west, 0), min(east, last), max(south, 0), min(north, last), most
 
 
 @outlined
@@ -350,11 +330,12 @@ def _blurred_part(part, box, cells, rules, scene, colours, gain):
     flux = pencil.intensity * math.exp(-tau) * pencil.omega
     flux *= cells.step * cells.step
     straight_factors(scene.emitter.position, pencil.middle, colours)
-    for k in range(box.west, box.east + 1):
+    west, east, south, north, nodes = box
+    for k in range(west, east + 1):
         x = cells.x + (k + 0.5) * cells.step
-        for m in range(box.south, box.north + 1):
+        for m in range(south, north + 1):
             y = cells.y + (m + 0.5) * cells.step
-            across = box.across
+            across = nodes
             inside, _ = pencils.margin(pencil.middle, Vec2(x, y), scene)
             if abs(inside) < 0.75 * cells.step:  # the edge of the field of view may pass through
                 across = max(across, min(4 * across, _AT_EDGE))

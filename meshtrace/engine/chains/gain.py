@@ -132,7 +132,7 @@ def shot_of(chains, i, scene, branch, roughness):
 
 @entry
 def flat_crossings(chains, starts, still, raised, out):
-    """Write the flat-sea crossings of each chain into `out` (chains, room), `FLAT` records.
+    """Find the crossings of a flat sea by each chain: `out` (chains, room) of `FLAT` records.
 
     Array twin: `tests/engine/test_crossing.py`.
     Flat crossings do not depend on the waves: they are the starts for every surface. A record of
@@ -179,7 +179,7 @@ def _flat_root(n, start, shot, scene, out):
 
 
 @outlined
-def _near(n, flat, audit, search, shot, scene, roots, counters):
+def _roots_near(n, flat, audit, search, shot, scene, roots, counters):
     """Append the crossings near one flat crossing to n others in `roots`; return their number.
 
     Newton starts from the flat crossing. Further roots are searched in a share of the chains only,
@@ -238,11 +238,11 @@ def _reaches(flat, radius, shot, scene):
 
 
 @entry
-def contributions(chains, flat, audits, search, scene, out):
+def contributions(chains, flat, search, scene, out):
     """Add the contribution of each chain to `out.score`; return the number of recorded arrivals.
 
     Array twin: the analog estimator.
-    `flat` are the records of `flat_crossings`, `audits` (chains,) uniform numbers, see `_near`.
+    `flat` are the records of `flat_crossings`.
     """
     # Manifold next-event estimation (Hanika et al. 2015), for whole histories that are turned about
     # their source: the track-rotation estimator, see `crossing`.
@@ -255,14 +255,15 @@ def contributions(chains, flat, audits, search, scene, out):
                     out.counters[Counter.NO_FLAT.value] += 1
                 break
             shot = shot_of(chains, i, scene, flat[i, k].branch, scene.surface.roughness)
-            n = _near(n, flat[i, k], audits[i], search, shot, scene, out.roots, out.counters)
+            audit = chains.audit[i]
+            n = _roots_near(n, flat[i, k], audit, search, shot, scene, out.roots, out.counters)
         for k in range(n):
             root = out.roots[k]
             shot = shot_of(chains, i, scene, root.branch, scene.surface.roughness)
             path = weigh(chains, i, root.x, root.y, root.facet, shot, scene)
             w = path.weight * root.multiplicity
             if w > 0.0:
-                arrivals = keep(chains, i, w, path, i, arrivals, scene, out)
+                arrivals = add_path(chains, i, w, path, i, arrivals, scene, out)
     return arrivals
 
 
@@ -327,13 +328,13 @@ def blurred_contributions(chains, flat, places, near, spread, scene, out):
                 if path.weight > 0.0:
                     out.counters[Counter.SOLVED.value] += 1
                     w, place = path.weight, m * n + i
-                    arrivals = keep(chains, i, w, path, place, arrivals, moved, out)
+                    arrivals = add_path(chains, i, w, path, place, arrivals, moved, out)
     return arrivals
 
 
 @inlined
 def _lifted(flat, scene):
-    """Return (x, y) of a flat crossing, moved by dP/dz for the height of the surface there."""
+    """Return (x, y) of a flat crossing, displaced by the height of the surface there."""
     facet = locate(scene.locator, scene.surface, flat.x, flat.y)
     rise = 0.0
     if facet >= 0:
@@ -415,7 +416,7 @@ def _emission_at(x, y, facet, shot, scene):
 
 
 @outlined
-def keep(chains, i, w, path, place, n, scene, out):
+def add_path(chains, i, w, path, place, n, scene, out):
     """Add the contribution w of chain i by a `Crossing` to the score, unless its path is cut off.
 
     Array twin: none, sums.
@@ -457,7 +458,7 @@ def weigh(chains, i, x, y, facet, shot, scene):
 
 @inlined
 def weight_of(chains, i, p, aim, per_area, facet, shot, scene):
-    """Return (|A| I(w) W dOmega/dX, all vertices deep) of chain i through a crossing.
+    """Return (|A| I(w) W dOmega/dX, whether all vertices are deep) of chain i at a crossing.
 
     `aim` is that at P, `per_area` dOmega/dX [sr m-2], 0 if no light lands; `shot` has the random
     slope. The emitter's power multiplies A: 1, or the etendue of a receiver that emits in reverse.
@@ -498,7 +499,7 @@ def _vertex(chains, i, k, aim, start):
 
 @inlined
 def _transmit(chains, i, aim, p, start, scene):
-    """Return (product of scattering coefficients and transmittance [m-K], all vertices deep).
+    """Return (scattering coefficients times transmittance [m-K], whether all vertices are deep).
 
     K is the number of scatterings, "deep" means below the lowest trough of the sea.
     """
@@ -587,7 +588,7 @@ def straight_factors(p, q, colours):
 
 @inlined
 def _add_way(p, q, clear, tints, log_weights):
-    """Add the logarithm of the transmittance from p to q by each of the tints to `log_weights`."""
+    """Add the logarithms of the transmittance from p to q, one for each tint, to `log_weights`."""
     if tints is not None:
         length = norm(minus(q, p))
         tint_way(tints, log_weights, p.z, q.z, length)

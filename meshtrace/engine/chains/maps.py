@@ -1,4 +1,4 @@
-"""Unscattered light over the cells of a map: images of the facets, without noise."""
+"""Unscattered light on the cells of a map, for the first receiver of a link."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def unscattered_map(
     tinting: Tinting = UNTINTED,
     lengths: tuple[float, float] = (1.0, 2.0),
 ) -> tuple[Floats, Floats] | None:
-    """Return the unscattered gains of the first receiver, moved to each cell, and their errors.
+    """Return the unscattered gains of the first receiver at each cell, and their errors.
 
     Shapes (n, n, wavelengths), x and y rising; the receiver keeps its height, area and view. The
     `lengths` of parts of facets are over the usual one: the first gives the gain, the change by the

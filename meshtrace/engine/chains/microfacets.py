@@ -228,7 +228,7 @@ def may_shine(f, p, h, dark, scene):
 
 @outlined
 def _facet_light(f, coarse, dark, rule, stack, work, scene):
-    """Return (gain, finer) of a facet, which is cut into parts or quartered first.
+    """Return (gain, finer) of a facet, as the sum over its parts.
 
     Parts are `coarse` times as long as they should be; `finer` is whether any of them should be
     cut, so that a second pass with shorter parts changes the gain.
@@ -342,11 +342,11 @@ def _spot_place(part, pencil, scene):
     """
     surface, source, radius = scene.surface, scene.emitter.position, scene.target.radius
     f, middle, w = part.facet, pencil.middle, pencil.w
-    view = pencils.view_of(middle, scene)
-    if view.high <= 0.0:
+    height, apart, ahead, seen = pencils.view_disk(middle, scene)
+    if height <= 0.0:
         return _BESIDE
     m = crossing.land_from(middle, pencil.normal, w, w, pencil.length, scene)
-    spot = pencils.spot_of(pencil, view.ahead, view.high, scene)
+    spot = pencils.spot_of(pencil, ahead, height, scene)
     if not m.ok or math.isinf(spot.half_t):
         return _MEETS_RIM
     moves, size = 0.0, 0.0
@@ -362,13 +362,13 @@ def _spot_place(part, pencil, scene):
     # Circles: the light of the part, from the centre of the aperture and from that of the view,
     # which moves with the point of the part by at most `slack`.
     reach = math.sqrt(spot.half_t * spot.half_t + spot.half_y * spot.half_y) + pencils.BENT * moves
-    from_view = math.sqrt((spot.t - view.apart) * (spot.t - view.apart) + spot.y * spot.y)
+    from_view = math.sqrt((spot.t - apart) * (spot.t - apart) + spot.y * spot.y)
     from_center, slack = math.sqrt(dot2(m.at, m.at)), size * (1.0 + scene.target.tan_half_fov)
     if from_center - reach > radius:
         return _BESIDE
-    if view.radius < math.inf and from_view - reach - slack > view.radius:
+    if seen < math.inf and from_view - reach - slack > seen:
         return _BESIDE
-    inside_view = math.isinf(view.radius) or from_view + reach + slack <= view.radius
+    inside_view = math.isinf(seen) or from_view + reach + slack <= seen
     return _INSIDE if from_center + reach <= radius and inside_view else _MEETS_RIM
 
 
@@ -410,16 +410,17 @@ def _lens_edge(p, h, scene):
 
     Infinite where the view of all points within h of P lies inside the aperture: no rims meet.
     """
-    view, radius = pencils.view_of(p, scene), scene.target.radius
+    radius = scene.target.radius
+    height, apart, _, seen = pencils.view_disk(p, scene)
     # As P moves by h, the centre of the view moves by h at most, its radius by h tan(half view).
     moves = h * (1.0 + scene.target.tan_half_fov)
     if scene.interface.fov != FieldOfView.ANGLE:  # the view does not depend on the direction
         return unscattered.VIEW_SHARE * unscattered.view_radius(
-            view.high, scene.target, scene.interface.fov
+            height, scene.target, scene.interface.fov
         )
-    if view.apart + view.radius + moves < radius:
+    if apart + seen + moves < radius:
         return math.inf
-    return _LENS_SHARE * min(radius, max(view.radius, 0.0))
+    return _LENS_SHARE * min(radius, max(seen, 0.0))
 
 
 @outlined

@@ -1,11 +1,11 @@
-"""Light of one pencil of rays on the aperture, blurred by the random slopes where it crosses.
+"""Light of a pencil of rays on the aperture, blurred by the random slopes where it crosses.
 
 A `Pencil` runs from the source to the centroid of a part of a facet (`microfacets` cuts the facets
 and adds the parts up). Each slope that the mesh leaves out sends it to one point of the aperture's
 plane: the density of the slopes gives a `Spot` there, roughly Gaussian. A field of view accepts of
-it what lies on a `ViewDisk`. Where view and aperture are wide against the spot fixed nodes over the
-aperture do (`disk_light`); elsewhere Gauss nodes lie between the rims of both disks (`lens_light`).
-Points of the plane are in metres from the centre of the aperture.
+it what lies on a disk (`view_disk`). Where view and aperture are wide against the spot fixed nodes
+over the aperture do (`disk_light`); elsewhere Gauss nodes lie between the rims of both disks
+(`lens_light`). Points of the plane are in metres from the centre of the aperture.
 """
 
 from __future__ import annotations
@@ -92,25 +92,21 @@ def pencil_to(part, scene):
     return Pencil(middle, normal, w, length, unscattered.solid_angle(p, q, r), strength)
 
 
-class ViewDisk(NamedTuple):
-    """Disk of the aperture's plane on which light of a point of the surface is accepted."""
-
-    high: float  # distance of the point from the plane of the aperture, along its axis [m]
-    apart: float  # distance of the disk's centre from that of the aperture [m]
-    ahead: Vec2  # unit vector from the centre of the aperture to that of the disk
-    radius: float  # [m], infinite without an edge
-
-
 @inlined
-def view_of(p, scene):
-    """Return the `ViewDisk` of a point: the plane cuts the cone about the axis in a circle."""
+def view_disk(p, scene):
+    """Return (high, apart, ahead, radius) of the disk on which light from a point is accepted.
+
+    The plane of the aperture cuts the cone about its axis in a circle: `radius` [m], infinite
+    without an edge, about a centre at the distance `apart` [m] from that of the aperture, along the
+    unit vector `ahead`. The point lies at the distance `high` [m] from the plane, along the axis.
+    """
     target = scene.target
     way = minus(p, target.center)
     high, x, y = -dot(way, target.axis), dot(way, target.e1), dot(way, target.e2)
     apart = math.sqrt(x * x + y * y)
     ahead = Vec2(x / apart, y / apart) if apart > 0.0 else Vec2(1.0, 0.0)
     has_edge = scene.interface.fov == FieldOfView.ANGLE and target.cos_half_fov > 0.0
-    return ViewDisk(high, apart, ahead, high * target.tan_half_fov if has_edge else math.inf)
+    return high, apart, ahead, high * target.tan_half_fov if has_edge else math.inf
 
 
 @inlined
@@ -148,7 +144,7 @@ def share_in_view(p, q, r, goal, scene):
 
 
 class Spot(NamedTuple):
-    """Light of a part on the aperture's plane: axes t along `ViewDisk.ahead`, y to its left."""
+    """Light of a part on the aperture's plane; t runs along `ahead` of `view_disk`, y leftwards."""
 
     t: float  # centre, from that of the aperture [m]
     y: float
@@ -197,14 +193,14 @@ def spot_of(pencil, ahead, high, scene):
 
 @inlined
 def _number_of_nodes(length, sigma, rule):
-    """Return the number of Gauss nodes for a length [m] of light of a standard deviation sigma."""
+    """Return the number of Gauss nodes for a Gaussian of standard deviation sigma over a length."""
     wanted = rule.finer * (_AT_LEAST + _PER_DEVIATION * length / sigma)
     return math.ceil(min(max(wanted, 2.0), GAUSS + 0.0))
 
 
 @inlined
 def _passed(s, pencil, scene):
-    """Return the share of light that passes the surface by a `Slope`, and the way behind it."""
+    """Return the transmittance of the surface at a `Slope`, and of the path behind it."""
     if unscattered.is_shadowed(pencil.middle, s.aim.r, s.aim.flight, scene, scene.bodies):
         return 0.0
     share = exposure(pencil.w, pencil.normal, s.tilt)
@@ -226,18 +222,19 @@ def lens_light(pencil, rule, work, scene):
     linear in v, and a bend where the rims meet, at which two Gauss rules join. Across it light is
     smooth.
     """
-    view, radius = view_of(pencil.middle, scene), scene.target.radius
-    low, high = max(-radius, view.apart - view.radius), min(radius, view.apart + view.radius)
-    if view.high <= 0.0 or low >= high:
+    height, apart, ahead, seen = view_disk(pencil.middle, scene)  # R is `seen`, D `apart`
+    radius = scene.target.radius
+    low, high = max(-radius, apart - seen), min(radius, apart + seen)
+    if height <= 0.0 or low >= high:
         return 0.0
-    s = spot_of(pencil, view.ahead, view.high, scene)
+    s = spot_of(pencil, ahead, height, scene)
     # Where the two rules join: the centre of the smaller disk where it lies inside the other one,
     # else where the rims meet, r^2 - t^2 = R^2 - (t - D)^2.
     bend = 0.0
-    if view.apart + view.radius <= radius:
-        bend = view.apart
-    elif view.apart + radius > view.radius:
-        bend = 0.5 * (view.apart + (radius - view.radius) * (radius + view.radius) / view.apart)
+    if apart + seen <= radius:
+        bend = apart
+    elif apart + radius > seen:
+        bend = 0.5 * (apart + (radius - seen) * (radius + seen) / apart)
     total = 0.0
     for side in range(2):
         end = low if side == 0 else high
@@ -258,10 +255,9 @@ def lens_light(pencil, rule, work, scene):
             t = start + length * (v * v if rooted else v)
             weight = rule.weights[n - 1, i] * (far - near) * (2.0 * v if rooted else 1.0)
             # half-chords of either disk at t; the smaller one bounds the lens
-            off = t - view.apart
-            square = min(radius * radius - t * t, view.radius * view.radius - off * off)
-            half = math.sqrt(max(square, 0.0))
-            total += weight * _chord_light(pencil, t, half, view.ahead, s, rule, work, scene)
+            off = t - apart
+            half = math.sqrt(max(min(radius * radius - t * t, seen * seen - off * off), 0.0))
+            total += weight * _chord_light(pencil, t, half, ahead, s, rule, work, scene)
     return total
 
 

@@ -85,7 +85,7 @@ def normal_to(p, d, goal, scene):
 
 @inlined
 def indices(scene):
-    """Return the weights of the directions before and behind a facet in its normal, `normal_to`.
+    """Return the indices before and behind a facet that weight the directions in `normal_to`.
 
     Array twin: none, a choice.
     """
@@ -174,19 +174,19 @@ def slope_change(f, p, q, r, scene):
 @inlined
 def _needed(p, f, scene):
     """Return the random slope at P on a facet that refracts light to the centre of the aperture."""
-    u, rise = slope_to(p, f, Vec2(0.0, 0.0), scene)
-    return u if rise > 0.0 else Vec2(math.inf, math.inf)
+    u, n_z = slope_to(p, f, Vec2(0.0, 0.0), scene)
+    return u if n_z > 0.0 else Vec2(math.inf, math.inf)
 
 
 @inlined
 def slope_to(p, f, goal, scene):
-    """Return the random slope at P that refracts light to a point, and the rise of its normal.
+    """Return the random slope at P that refracts light to a point, and N_z, see `normal_to`.
 
     Array twin: `slope_towards`.
     """
     n = normal_at(p.x, p.y, f, scene.surface)
     big, _, _ = normal_from_source(p, goal, scene)
-    # N_z <= 0, "the rise": no facet that faces up refracts there, a huge slope stands for it
+    # N_z <= 0: no facet that faces up refracts there, a huge slope stands for it
     steep = max(big.z, 1e-9)
     tilt = Vec2(n.x / n.z - big.x / steep, n.y / n.z - big.y / steep)
     return whitened(scene.surface.roughness, tilt), big.z

@@ -1,4 +1,4 @@
-"""Scattering chains: all random variables of a photon but its direction of emission.
+"""Scattering chains: all random variables of a photon except its direction of emission.
 
 A chain of order K is the photon's history in the frame of its emission direction, taken as
 e_z from the origin: vertices q_1 .. q_K, the kind of scatterer at each, and the direction v_K
@@ -38,6 +38,22 @@ class Chains(NamedTuple):
     disk: NDArray[np.float64]  # (n, 2) point of the unit disk aimed at
     tail: NDArray[np.float64]  # (n, 3) last vertex, where the open segment starts; 0 without one
     tilt: NDArray[np.float64]  # (n, 2) random slopes along and across the wind, in deviations
+    audit: NDArray[np.float64]  # (n,) uniforms that choose the chains whose facets are all searched
+
+    @classmethod
+    def zeros(cls, n: int, order: int) -> Chains:
+        """Return arrays for n chains of an order."""
+        return cls(
+            vertex=np.zeros((n, order, 3)),
+            kind=np.zeros((n, order), np.int8),
+            last=np.zeros((n, 3)),
+            path=np.zeros(n),
+            weight=np.zeros(n),
+            disk=np.zeros((n, 2)),
+            tail=np.zeros((n, 3)),
+            tilt=np.zeros((n, 2)),
+            audit=np.zeros(n),
+        )
 
 
 class Nominal(NamedTuple):
@@ -212,7 +228,7 @@ def _fitted_density(q, v, total, order, nominal):
 
 @inlined
 def _place(chains, i, nominal, medium, u):
-    """Turn path lengths into vertices, last and tail; return 1 / probability of the scatterers."""
+    """Place the vertices by the path lengths; return 1 / probability of the scatterers."""
     at = chains.vertex[i]
     p, d = ORIGIN, UP
     before = 0.0

@@ -69,11 +69,19 @@ Scores = tuple[Floats, NDArray[np.void]]
 class ChainSet(NamedTuple):
     """Chains of one order from one source, and their crossings of a flat sea."""
 
-    order: int
     chains: Chains
-    audit: Floats  # (n,) uniforms that choose the chains whose facets are all searched
     find: Callable[[Chains, int], NDArray[np.void]]  # searches the crossings to a receiver
     flat: dict[int, NDArray[np.void]]  # (n, CROSSINGS) FLAT by receiver; empty if they are many
+
+    @property
+    def order(self) -> int:
+        """Number of scatterings."""
+        return self.chains.vertex.shape[1]
+
+    @property
+    def number(self) -> int:
+        """Number of chains."""
+        return len(self.chains.path)
 
     def crossings(self, receiver: int) -> NDArray[np.void]:
         """Return the crossings (n, crossings) of a flat sea to a receiver."""
@@ -83,7 +91,7 @@ class ChainSet(NamedTuple):
         """Return the chains of a range of rows, as views of the same arrays."""
         arrays: Any = (array[span] for array in self.chains)
         flat = {receiver: crossings[span] for receiver, crossings in self.flat.items()}
-        return self._replace(chains=Chains(*arrays), audit=self.audit[span], flat=flat)
+        return self._replace(chains=Chains(*arrays), flat=flat)
 
 
 class Request(NamedTuple):
@@ -168,7 +176,7 @@ class ChainDrawer:
         ]
 
     def of_link(self, link: ForcedLink) -> ChainDrawer:
-        """Return a sampler of the same chains for another link, stretched with the depths.
+        """Return a sampler of the same chains for another link, scaled with the depths.
 
         Differences between the links then have little noise: all random numbers are the same.
         """
@@ -261,7 +269,7 @@ class ChainDrawer:
         return chains
 
     def _representatives(self) -> list[int]:
-        """Return the receivers that lend their still-water crossings to their neighbours."""
+        """Return the receivers whose crossings of still water stand for those of others."""
         return list(dict.fromkeys(self.link.stands_for.tolist()))
 
     def _bytes(self, request: Request, receivers: int) -> int:
@@ -278,19 +286,8 @@ class ChainDrawer:
 
     def _allocate(self, request: Request, n: int, receivers: Collection[int]) -> ChainSet:
         """Allocate arrays for n chains and their crossings to `receivers`."""
-        order = request.order
-        chains = Chains(
-            vertex=np.empty((n, order, 3)),
-            kind=np.zeros((n, order), np.int8),
-            last=np.empty((n, 3)),
-            path=np.empty(n),
-            weight=np.empty(n),
-            disk=np.empty((n, 2)),
-            tail=np.empty((n, 3)),
-            tilt=np.empty((n, 2)),
-        )
         flat = {receiver: np.zeros((n, CROSSINGS), FLAT) for receiver in receivers}
-        return ChainSet(order, chains, np.empty(n), partial(self._search, request.source), flat)
+        return ChainSet(Chains.zeros(n, request.order), partial(self._search, request.source), flat)
 
     def _fill(self, job: tuple[Block, ChainSet]) -> None:
         """Draw the chains of a block from shifted points; find their crossings of a flat sea."""
@@ -299,8 +296,8 @@ class ChainDrawer:
         first = block.span.start - block.shifts_in.start * per_shift  # of a part of one shift
         points, shifts = block.points
         # columns: 3 for each vertex, 2 of the disk, 2 of the slopes, audit, component
-        u = shifted(points[first : first + len(drawn.audit)], shifts[block.shifts_in])
-        drawn.audit[:] = u[:, -2]
+        u = shifted(points[first : first + drawn.number], shifts[block.shifts_in])
+        drawn.chains.audit[:] = u[:, -2]
         law = self.nominals[source]
         # one coordinate picks the component, see the balance heuristic in `make_chains`
         component = np.searchsorted(np.cumsum(law.mixture)[:-1], u[:, -1])
@@ -335,16 +332,16 @@ class ChainDrawer:
 
     def aim(self, source: int, receiver: int, chains: ChainSet) -> Scores:
         """Return the scores (1, chains) of a set of chains over still water, without arrivals."""
-        score = np.empty((1, len(chains.audit)))
+        score = np.empty((1, chains.number))
         _, scene, _ = self._still_water(source, receiver)
         flat_contributions(chains.chains, chains.crossings(receiver), scene, score[0])
         return score, np.zeros(0, ARRIVAL)
 
 
 def levels(link: ForcedLink, crest: float) -> tuple[float, float]:
-    """Return the height of a crest [m], and the ceiling of the ends of chains, in link units.
+    """Return the height of a crest [m] and the ceiling of chains, in the unit of the link.
 
-    The ceiling lies above all crests and below all receivers.
+    Chains end below the ceiling, which lies above all crests and below all receivers.
     """
     top = max(crest, 0.0) / link.frame.unit
     lowest = min(t.center[2] for t in link.targets)

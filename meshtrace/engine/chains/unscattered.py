@@ -1,4 +1,4 @@
-"""Unscattered light through smooth facets: the image of every facet on the plane of the aperture.
+"""Unscattered light through smooth facets: the image of each facet on the plane of the aperture.
 
 Light from the source through a facet is a narrow beam, refracted at each corner. A facet is cut
 into parts so small that intensity and refraction are linear over each: the image of a part is a
@@ -79,7 +79,7 @@ class Corner(NamedTuple):
 
 
 class Landing(NamedTuple):
-    """Region that light is to land on, and bounds by which parts of facets are left out.
+    """Target region of unscattered light, and bounds that rule out parts of facets.
 
     The region is a square with rounded corners: the disk of an aperture, or a map.
     """
@@ -95,7 +95,7 @@ class Landing(NamedTuple):
 
 @inlined
 def aperture_at(place, scene):
-    """Return a scene with the centre of its aperture at a place.
+    """Return a scene with its aperture moved to a place.
 
     Array twin: none, a tuple.
     """
@@ -205,7 +205,7 @@ def view_margin(p, r, flight, target, fov):
 
 @inlined
 def view_radius(height, target, fov):
-    """Return a length that scales the field of view at a distance along its axis [m].
+    """Return the size of the field of view at a distance along its axis [m].
 
     For a cone it is its sine times the distance, the scale of `view_margin`.
 
@@ -297,7 +297,11 @@ def image_gain(scene, facets, longer, stretch, lever, bend, stack, gain):
         while top > 0:
             part, top = next_part(f, n, landing, stack, top, shot, scene)
             if part.side != 0:
-                total += _triangle_gain(part, shot, scene)
+                triangles, first, second = triangles_of(part, shot, scene)
+                of_part = 0.0
+                for k in range(triangles):
+                    of_part += _image_light(second if k else first, f, shot, scene)
+                total += of_part
         gain[f] = unless_hidden(total, f, scene)
 
 
@@ -403,7 +407,7 @@ def next_part(f, n, landing, stack, top, shot, scene):
 
 
 @inlined
-def is_beside(x, y, reach, landing):
+def is_out_of_reach(x, y, reach, landing):
     """Return whether a point lies farther than `reach` from the square of a `Landing`.
 
     Array twin: numpy.maximum.
@@ -422,7 +426,7 @@ def _may_shine(part, landing, shot, scene):
     if is_dark(p, spatial_radius(facet) * share, landing.dark, scene.emitter):
         return False
     size, center = facet.radius * share, scene.target.center
-    if is_beside(p.x - center.x, p.y - center.y, scene.target.reach + size, landing):
+    if is_out_of_reach(p.x - center.x, p.y - center.y, scene.target.reach + size, landing):
         return False
     # Bounds on the image hold for small parts. Larger ones are cut in any case, unless all light is
     # totally reflected.
@@ -437,7 +441,7 @@ def _may_shine(part, landing, shot, scene):
             # a change of slope turns the light by twice as much
             turned = 2.0 * m.flight * facet.curvature / max(dot(m.r, scene.target.axis), _FLATTEST)
             reach = size * 1.5 * (_flat_stretch(m, scene) + turned)
-        return not is_beside(m.at.x, m.at.y, landing.radius + reach, landing)
+        return not is_out_of_reach(m.at.x, m.at.y, landing.radius + reach, landing)
     for q in corners_of(part, scene.surface):
         if crossing.aim_at(q.x, q.y, f, shot, scene).ok:
             return True
@@ -528,19 +532,18 @@ def corners_of(part, surface):
 
 
 @outlined
-def _triangle_gain(part, shot, scene):
-    """Return the gain of a part inside the field of view."""
-    f, total = part.facet, 0.0
+def triangles_of(part, shot, scene):
+    """Return the number of triangles of a part inside the field of view, and their corners.
+
+    Array twin: see `in_view`.
+    A part with a corner that sends no light towards the aperture counts for nothing.
+    """
     p, q, r = corners_of(part, scene.surface)
-    a, b = corner(p, f, shot, scene), corner(q, f, shot, scene)
-    c = corner(r, f, shot, scene)
-    if a.ok and b.ok and c.ok:
-        triangles, (a, b, c), (d, e, g) = in_view(a, b, c)
-        if triangles > 0:
-            total += _image_light(a, b, c, f, shot, scene)
-        if triangles > 1:
-            total += _image_light(d, e, g, f, shot, scene)
-    return total
+    a, b = _corner(p, part.facet, shot, scene), _corner(q, part.facet, shot, scene)
+    c = _corner(r, part.facet, shot, scene)
+    if not (a.ok and b.ok and c.ok):
+        return ZERO, (a, b, c), (a, b, c)
+    return in_view(a, b, c)
 
 
 @inlined
@@ -568,11 +571,8 @@ def in_view(a, b, c):
 
 
 @inlined
-def corner(p, f, shot, scene):
-    """Return the `Corner` at a point P of facet f.
-
-    Array twin: `crossing.aim_at`, which has its own.
-    """
+def _corner(p, f, shot, scene):
+    """Return the `Corner` at a point P of facet f."""
     m = crossing.aim_at(p.x, p.y, f, shot, scene)
     inside = 0.0
     if m.ok:
@@ -591,8 +591,9 @@ def _at_edge(a, b):
 
 
 @outlined
-def _image_light(a, b, c, f, shot, scene):
+def _image_light(triangle, f, shot, scene):
     """Return the light through a triangle of facet f that lands on the aperture, as a gain."""
+    a, b, c = triangle
     ab, ac = minus2(b.at, a.at), minus2(c.at, a.at)
     det = cross2(ab, ac)
     radius = scene.target.radius

@@ -1,4 +1,4 @@
-"""Aim of chains over an exact sum of waves, the limit of ever finer meshes.
+"""Chains aimed through an exact sum of waves, the limit of ever finer meshes.
 
 Crossings on a mesh of the same sea are the starts; Newton moves each to where the light crosses the
 exact surface, and its weight follows from the exact slopes and curvatures there.
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
-from typing import NamedTuple
 
 from meshtrace.engine import crossing
 from meshtrace.engine.chains.gain import shot_of, weigh, weight_of
@@ -31,23 +30,13 @@ class Moved(IntEnum):
     MERGED = 2  # lead to the same exact crossing as one before
 
 
-class Shape(NamedTuple):
-    """Elevation [m], slopes and second derivatives [m-1] of the sea at a point."""
-
-    z: float
-    zx: float
-    zy: float
-    zxx: float
-    zxy: float
-    zyy: float
-
-
 @outlined
 def shape_at(waves, x, y):
-    """Return the `Shape` at (x, y) of waves at time 0, z = sum a cos(phase - kx x - ky y).
+    """Return (z, z_x, z_y, z_xx, z_xy, z_yy) at (x, y) of waves at time 0.
 
     Array twin: `meshtrace.surfaces.waves.sum_waves`.
-    All six in one pass: sine and cosine are the cost.
+    Elevation z = sum a cos(phase - kx x - ky y) [m], slopes, and second derivatives [m-1], all in
+    one pass: sine and cosine are the cost.
     """
     z = zx = zy = zxx = zxy = zyy = 0.0
     for i in range(len(waves.amplitude)):
@@ -60,16 +49,17 @@ def shape_at(waves, x, y):
         zxx -= kx * kx * c
         zxy -= kx * ky * c
         zyy -= ky * ky * c
-    return Shape(z, zx, zy, zxx, zxy, zyy)
+    return z, zx, zy, zxx, zxy, zyy
 
 
 @inlined
-def _aim_beside(x, y, dx, dy, s, shot, scene):
+def _aim_near(x, y, dx, dy, shape, shot, scene):
     """Return the `Aim` of a crossing at (x + dx, y + dy), close to a point of known shape."""
+    z, zx, zy, zxx, zxy, zyy = shape
     # Taylor: linear slopes, heights on the tangent. Derivatives are exact in the limit of small
     # steps, and the waves need no further sum.
-    slope_x, slope_y = s.zx + s.zxx * dx + s.zxy * dy, s.zy + s.zxy * dx + s.zyy * dy
-    p = Vec3(x + dx, y + dy, s.z + s.zx * dx + s.zy * dy)
+    slope_x, slope_y = zx + zxx * dx + zxy * dy, zy + zxy * dx + zyy * dy
+    p = Vec3(x + dx, y + dy, z + zx * dx + zy * dy)
     return crossing.land_sloped(p, slope_x, slope_y, shot, scene)
 
 
@@ -80,10 +70,10 @@ def _exact_jacobian(x, y, waves, shot, scene):
     As `crossing.jacobian`; the waves are summed once for all three points.
     """
     shape = shape_at(waves, x, y)
-    return shape.z, crossing.differences(
-        _aim_beside(x, y, 0.0, 0.0, shape, shot, scene),
-        _aim_beside(x, y, crossing.STEP, 0.0, shape, shot, scene),
-        _aim_beside(x, y, 0.0, crossing.STEP, shape, shot, scene),
+    return shape[0], crossing.differences(
+        _aim_near(x, y, 0.0, 0.0, shape, shot, scene),
+        _aim_near(x, y, crossing.STEP, 0.0, shape, shot, scene),
+        _aim_near(x, y, 0.0, crossing.STEP, shape, shot, scene),
     )
 
 
@@ -115,7 +105,7 @@ def _exact_weight(chains, i, x, y, waves, shot, scene):
 
 @entry
 def move_crossings(chains, arrivals, waves, scene, score, counters):
-    """Add the contribution of each chain through the exact surface to `score`.
+    """Add the contribution of each chain through the exact surface to its score.
 
     Array twin: meshes of vanishing spacing.
     Each arrival over the mesh is moved to the exact crossing next to it, and its weight changed

@@ -128,7 +128,7 @@ class PhotonSums:
 
     @classmethod
     def of_strata(cls, strata: Sequence[PhotonSums]) -> PhotonSums:
-        """Return the sum of tallies of the apertures, each by a fixed number of photons.
+        """Return the sum of tallies of the apertures over strata of fixed numbers of photons.
 
         The means of the strata differ by design, not by noise: the squares returned give the
         variance within the strata alone, about the mean of all photons.
@@ -177,7 +177,7 @@ def tinted(
     first: int,
     arrivals: bool,
 ) -> list[PhotonSums]:
-    """Return the tallies of the apertures at each wavelength, from arrivals with their tint sums.
+    """Return the tallies of the apertures at each wavelength, from arrivals with sums of tints.
 
     `factors` maps tint sums (arrivals, tints) to factors on the weights (wavelengths, arrivals),
     `scale` (wavelengths,) multiplies them; `first` is the id of the first photon. Results hold the
@@ -381,9 +381,9 @@ class AnalogPhotons:
 
 
 def _roulette_of(link: Link, options: Analog, sources: Sources, unit: float) -> tuple[float, float]:
-    """Return the weight below which Russian roulette is played, and the chance of survival.
+    """Return the weight below which Russian roulette is played, and the probability of survival.
 
-    A chance of 0 stands for weight / limit, after which all weigh the same.
+    A probability of 0 stands for weight / limit, after which all weigh the same.
     """
     if options.roulette is not None:
         return options.roulette, 0.0

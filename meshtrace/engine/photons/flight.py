@@ -114,7 +114,8 @@ def bending_normal(q, facet, world):
     return g, n, -1.0
 
 
-_OFFSET = 1e-5  # [m], distance of a ray's start from the facet that it leaves
+OFFSET = 1e-5
+"""Distance of a ray's start from the facet that it leaves [m]."""
 
 
 @inlined
@@ -238,7 +239,7 @@ def _leave(q, d, g, world):
     """Send a photon off a facet, along d, on the side that g points to."""
     head(q, d)
     # Started on the facet itself, a ray of single precision could meet it again.
-    put(q, along(place(q), g, _OFFSET))
+    put(q, along(place(q), g, OFFSET))
     if q.in_water == 0:
         q.free = math.inf
     look_ahead(q, world.bodies)

@@ -1,4 +1,4 @@
-"""Joined photons and receivers in the water: light that goes on straight to them.
+"""Joined photons and receivers in the water: light that reaches these straight.
 
 To join a photon is to score, at each event, the light that the event sends to a receiver, instead
 of waiting for a hit. A collision, or a reflection by the bottom or a Lambertian body, at p scores
@@ -45,13 +45,13 @@ from meshtrace.kernels.jit import inlined, outlined
 from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import first_facet
-from meshtrace.kernels.tally import keep_arrival
+from meshtrace.kernels.tally import DIRECT, MIRRORED, REFLECTED, SCATTERED, keep_arrival
 from meshtrace.kernels.tints import tint_way
 from meshtrace.kernels.vectors import ORIGIN, UP, Vec2, along, dot, minus, norm, scaled, write
 
 # By which a path is shortened at its ends, over 1 m + its length: Embree is float32, and neither
 # the facet that the path leaves nor one that touches the aperture shall cut it.
-_HAIR = 1e-4
+HAIR = 1e-4
 
 
 @inlined
@@ -62,7 +62,7 @@ def _is_unobstructed(p, d, length, world):
     # paths below the lowest trough, `low` (x, y, z) of the mesh, most of them, meet no wave
     if max(p.z, p.z + length * d.z) < world.surface.low[2]:
         return True
-    hair = _HAIR * (1.0 + length)
+    hair = HAIR * (1.0 + length)
     start = along(p, d, hair)
     facet = first_facet(world.bvh, start, d)
     if facet < 0:
@@ -93,25 +93,46 @@ def _mirror_density(p, q, scene):
     return q.chance / (scene.target.area * per_area) if per_area > 0.0 else 0.0
 
 
-@outlined
-def _score(q, i, weight, theta, p, way, world):
-    """Score light of a photon that reaches target i straight from p, by `way` [m].
+@inlined
+def _part_of(q, under):
+    """Return the part of the gain that light of a photon belongs to, see `kernels.tally`."""
+    if under is None:
+        if q.reflections > 0:
+            return REFLECTED
+        return SCATTERED if q.order > 0 else DIRECT
+    if q.order == 0:
+        return MIRRORED
+    return q.turned_by
 
-    `theta` is the angle of a scattering at p [rad], < 0 without one, or where the photon has turned
-    already: `q.tint`, sums that give the weight at other wavelengths, has counted the angle then.
+
+@outlined
+def score(q, i, weight, theta, water, p, way, world):
+    """Score light of a photon at target i, by a path of `water` [m] up to p and by `way` [m] on.
+
+    Array twin: none, sums.
+    `theta` is the angle of a scattering at the start of the path [rad], < 0 without one, or where
+    the photon has turned already: `q.tint`, sums that give the weight at other wavelengths, has
+    counted the angle then.
     """
+    target = world.joins.target[i]
     # `share`: constant factor on all scores of a target, set by `photons.joined`
-    n = keep_arrival(world, q.id, i, weight * world.joins.target[i].share, world.tints, q.tint)
-    if n >= 0:  # there is room for it
-        a, r = world.arrivals[n], norm(way)
-        a.water, a.air, a.order = q.water + r, q.air, q.order
-        a.part = q.turned_by
-        write(a.way, way)
+    n = keep_arrival(world, q.id, i, weight * target.share, world.tints, q.tint)
+    if n < 0:  # there is no room for it
+        return
+    a, r = world.arrivals[n], norm(way)
+    a.water, a.air, a.order = q.water + water, q.air + r, q.order
+    a.part = _part_of(q, world.under)
+    # photons to a lamp run backwards: their light arrives where they start
+    write(a.way, scaled(-1.0, targets.vector_of(q.first)) if target.is_lamp else way)
+    tint_way(world.tints, a.tint, q.z, p.z, water)
+    if targets.is_mirrored(world.under):
+        # the way behind p lies in the water, too
+        a.water, a.air = a.water + r, 0.0
         tint_way(world.tints, a.tint, p.z, p.z + way.z, r)
-        if theta >= 0.0:
-            # the fourth uniform, of which the connection itself uses three
-            _, _, _, u = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
-            targets.tint_mixed(a.tint, theta, u, p, world)
+    if theta >= 0.0:
+        # the fourth uniform, of which the connection itself uses three
+        _, _, _, u = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
+        targets.tint_mixed(a.tint, theta, u, place(q), world)
 
 
 @outlined
@@ -139,12 +160,12 @@ def join_straight(q, i, world, under):
     joined = _point_density(r, facing, target, q.chance)
     weight = q.weight * phase * math.exp(-depth_between(world.medium, start, along(start, w, r), r))
     if weight > 0.0:
-        _score(q, i, weight / (joined + drawn), theta, start, way, world)
+        score(q, i, weight / (joined + drawn), theta, 0.0, start, way, world)
 
 
 @outlined
 def join_hits(q, world, under):
-    """Score a photon on every target that its new direction hits, see the head of this file.
+    """Score a photon on every target that its new direction hits.
 
     Array twin: `join_straight`.
     """
@@ -182,4 +203,4 @@ def join_hits(q, world, under):
             weight = q.weight * q.density / (q.density + joined)
         weight *= math.exp(-depth_between(world.medium, start, along(start, d, r), r))
         if weight > 0.0:
-            _score(q, i, weight, -1.0, start, scaled(r, d), world)
+            score(q, i, weight, -1.0, 0.0, start, scaled(r, d), world)

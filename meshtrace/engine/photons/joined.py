@@ -69,7 +69,6 @@ _TOGETHER = 4  # targets up to which a block of photons stays whole; tuned: memo
 _ROOM = 32  # arrivals of a photon at each target, else a block is followed again
 _VISIBLE = 50.0  # [m], depth from which light comes back to the air at most
 _SEEN_SHARE = 0.1  # tuned: radius of the water about a receiver that counts as near, over the way
-_EVENTS = 10_000_000  # most events of a photon and its copies
 _OPAQUE = 1e4  # largest optical depth: diffuse photons collide up to its square times (1 - g)
 DIFFUSE = 1.0
 """Optical depth b (1 - g) z beyond which the importance is that of diffusion theory."""
@@ -170,7 +169,7 @@ class JoinedPhotons:
         return [p._evaluated(mesh, [p.link], UNTINTED, record, lamps)[0] for p in each]
 
     def _in_water_of(self, link: Link) -> JoinedPhotons:
-        """Return the same photons in the water of another link, but for its index."""
+        """Return the same photons in the water of another link, with the index of this one."""
         photons, n = copy(self), self.link.water.n
         photons.link = link.model_copy(update={"receiver": self.link.receiver})
         if link.water.n != n:
@@ -277,9 +276,8 @@ class JoinedPhotons:
             search = search_extent(surface, facets, bins)
         joins = self._joins(surface, sources, run, frame, bins, facets)
         return JoinedWorld(
-            0, np.uint64(self.seed), sources, surface, grid, medium,
-            arrays.interface_arrays(link), joins, search,
-            np.zeros(1, FLAT), np.zeros(ROOTS, ROOT), None, self._under, _EVENTS,
+            np.uint64(self.seed), sources, surface, grid, medium, arrays.interface_arrays(link),
+            joins, search, np.zeros(1, FLAT), np.zeros(ROOTS, ROOT), None, self._under,
             NO_TINTS, NO_BVH,
             np.zeros(1 + _COPIES, JOINED_PHOTON), np.zeros(0, ARRIVAL), np.zeros(1, np.int64),
         )  # fmt: skip
@@ -305,7 +303,7 @@ class JoinedPhotons:
         if link.physics.absorption == "continuous" and link.physics.free_path != "local_c":
             often = max(1.0, _FREQUENT / (b * depth)) if b > 0.0 else 1.0
         in_water = link.direction == "under"
-        window = _window(a, turned, turned * depth > DIFFUSE, in_water)
+        window = _window(a, turned, turned * depth > DIFFUSE)
         # crossings are drawn somewhat wider than slopes of waves and random ones carry them
         spread = _SPREAD * math.sqrt(rough + arrays.mean_square_slope(surface))
         bends = rough > 0.0 and not window.diffuse and self._under is None
@@ -415,7 +413,7 @@ class JoinedPhotons:
         def follow(span: tuple[int, int]) -> tuple[Gains, NDArray[np.void], Floats]:
             first, last = span
             base = first // BLOCK % len(worlds)
-            world = worlds[base]._replace(first=first, tints=tinting.tints)
+            world = worlds[base]._replace(tints=tinting.tints)
             room = _ROOM * (last - first) * n
             while True:  # followed again, with the same random numbers, if its rows had no room
                 with intersector.function() as bvh, for_thread(bodies) as body_arrays:
@@ -471,7 +469,7 @@ def _remaining_importance(phase: Floats, n: float, spread: float) -> float:
     return float((scattered / (1.0 + _BENT * bend)).sum() / scattered.sum())
 
 
-def _window(a: float, turned: float, diffuse: bool, in_water: bool) -> Window:
+def _window(a: float, turned: float, diffuse: bool) -> Window:
     """Return the weight window of water with absorption a and transport coefficient b (1 - g)."""
     # attenuated by a + b (1 - g): light that is scattered forwards stays in the view
     kappa, length, beyond, highest = a + turned, 0.0, 0.0, _CLEAR_HIGHEST
@@ -481,11 +479,11 @@ def _window(a: float, turned: float, diffuse: bool, in_water: bool) -> Window:
         d = 1.0 / (3.0 * (a + turned))
         kappa, length = math.sqrt(a / d), 1.0 / (a + turned)
         beyond, highest = _BOUNDARY * d, _HIGHEST
-    return Window(diffuse, kappa, length, beyond, highest, 0.0, in_water)
+    return Window(diffuse, kappa, length, beyond, highest, bent=0.0)
 
 
 def _way_in_water(link: Link) -> float:
-    """Return the length of the way of light through the water [m], for rates and importances.
+    """Return the length of the path of light through the water [m], for rates and importances.
 
     The largest depth of an end; between ends in the water their largest distance; of light that
     comes back to the air, or to receivers behind the lamps, the depth of the bottom, or that from
@@ -511,7 +509,7 @@ def _walls(bodies: BodyScene | None) -> Floats:
 
 
 def _see_in_water(row: np.void, sources: Sources, walls: Floats) -> None:
-    """Write the sphere of water about a receiver from which scattered light mostly reaches it.
+    """Write the sphere of water about a receiver from which most scattered light reaches it.
 
     It extends to the nearest of the points (n, 3) of bodies that reflect.
     """

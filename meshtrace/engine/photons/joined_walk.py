@@ -22,7 +22,7 @@ import math
 import numpy as np
 
 from meshtrace.engine.photons import targets
-from meshtrace.engine.photons.flight import bending_normal, facet_ahead, look_ahead
+from meshtrace.engine.photons.flight import OFFSET, bending_normal, facet_ahead, look_ahead
 from meshtrace.engine.photons.in_medium import join_hits
 from meshtrace.engine.photons.next_event import hit_crossing, join_collision, join_crossing
 from meshtrace.engine.photons.state import head, heading, place, put
@@ -39,6 +39,7 @@ from meshtrace.kernels.vectors import TWO_PI, Vec2, along, dot, row, scaled, tur
 _LOWEST = 0.3  # tuned: weight times importance, over that of the start, of roulette below it
 _LEAST_CHANCE = 0.1  # least chance of survival: no photon becomes more than tenfold heavier at once
 _MOST_COPIES = 10  # of one splitting: a burst of copies shares the errors of its stem
+_MOST_EVENTS = 10_000_000  # of a photon and its copies
 
 
 @inlined
@@ -121,9 +122,7 @@ def redirect(q, s, u_phi, world):
         axis, edge = targets.cone_to(q.guide, start, world)
         d = turn(axis, u * edge, u_phi)
     else:
-        if u_guide < lobe + cone and q.copies + 1 < len(world.photon):
-            _choose_guide(q, u_guide, lobe, cone, len(world.joins.guide))
-            _push(q, world)
+        _push_guided(q, u_guide, lobe, cone, world)
         d = turn(before, s, u_phi)
     q.law = Law.PHASE.value
     phase, theta = targets.after_event(d, q, world)
@@ -138,25 +137,30 @@ def redirect(q, s, u_phi, world):
 
 
 @inlined
-def _choose_guide(q, u, lobe, cone, n):
-    """Choose law and guide of a guided direction by u < lobe + cone."""
+def _push_guided(q, u, lobe, cone, world):
+    """Put a copy with a guided direction on the stack, by chance: if u < lobe + cone."""
+    if u >= lobe + cone or q.copies + 1 >= len(world.photon):
+        return
     # u runs through n equal parts of each law
+    n = len(world.joins.guide)
     if u < lobe:
         q.law, q.guide = Law.LOBE.value, min(int(u / lobe * n), n - 1)
     else:
         q.law, q.guide = Law.CONE.value, min(int((u - lobe) / cone * n), n - 1)
+    _push(q, world)
+    q.law = Law.PHASE.value
 
 
 @inlined
 def _push(q, world):
-    """Leave a copy of a photon to be followed later."""
+    """Put a copy of a photon on the stack, to be followed later."""
     q.copies += 1
     world.photon[q.copies] = q  # assignment of a record copies it
 
 
 @outlined
-def importance(p, joins):
-    """Return the importance of a place, for the weight window.
+def importance(p, world):
+    """Return the importance of a place for the weight window.
 
     Array twin: none, a weight window is unbiased for any importance.
     In turbid water the diffusion flux of a point one transport length below the surface, and its
@@ -167,13 +171,13 @@ def importance(p, joins):
     .. [1] T. J. Farrell, M. S. Patterson and B. Wilson, Medical Physics 19 (1992) 879,
        doi:10.1118/1.596777, eq. 11.
     """
-    window = joins.window
+    joins, window = world.joins, world.joins.window
     depth, total = max(-p.z, 0.0), 1e-12  # not 0: ratios divide by the importance of the start
     for i in range(len(joins.guide)):
         seen = joins.guide[i].seen  # see `targets.TARGET`
         dx, dy = p.x - seen[0], p.y - seen[1]
         square = dx * dx + dy * dy
-        if window.in_water:
+        if targets.is_mirrored(world.under):
             # falls with the distance from the receiver, or its image in the surface; in turbid
             # water softened within a transport length
             soft = window.length if window.diffuse else 0.0
@@ -198,14 +202,14 @@ def importance(p, joins):
 
 
 @inlined
-def ratio_of(q, p, joins):
+def ratio_of(q, p, world):
     """Return the weight times importance of a photon at p, relative to its start.
 
     Array twin: none.
     """
     # light that no slope can bend to a target is worth less
-    bent = 1.0 + joins.window.bent * q.bend
-    return q.weight * importance(p, joins) / (bent * q.importance)
+    bent = 1.0 + world.joins.window.bent * q.bend
+    return q.weight * importance(p, world) / (bent * q.importance)
 
 
 @inlined
@@ -215,7 +219,7 @@ def survives(q, p, share, u_survival, world):
     Array twin: none.
     `share` is the part of its weight that will be left at p; a negative `u_survival` is drawn anew.
     """
-    ratio = share * ratio_of(q, p, world.joins)
+    ratio = share * ratio_of(q, p, world)
     if ratio >= _LOWEST:
         return True
     # Survivors have twice the lowest ratio, in the middle of the window.
@@ -234,14 +238,13 @@ def copies_of(q, world):
 
     Array twin: none.
     """
-    ratio = ratio_of(q, place(q), world.joins)
+    ratio = ratio_of(q, place(q), world)
     if ratio <= world.joins.window.highest:
         return 1
     # at most the room on the stack for waiting copies, half of `SPARE` left for guided ones
     return max(min(int(ratio), _MOST_COPIES, len(world.photon) - targets.SPARE // 2 - q.copies), 1)
 
 
-_HAIR = 1e-5  # [m], distance of a ray's start from the facet that it leaves
 _LEANING = 2.0  # standard deviations by which waves lean in a bound on their reflectance
 
 
@@ -270,7 +273,7 @@ def _start(q, photon, world):
     q.level, q.density, q.bend = targets.level_over(p, world), 0.0, 0.0
     q.copies, q.is_guided, q.law = 0, 0, Law.PHASE.value
     reset_tint(world.tints, q.tint)
-    q.importance = importance(p, world.joins)
+    q.importance = importance(p, world)
     _draw_path(q, u_path, world)
     _look_ahead(q, world, world.search)
 
@@ -301,7 +304,7 @@ def _enter(q, world, under):
     rho, refracted, _ = interface.branches(d, below, inward, n_air, n_water, world.interface)
     q.weight *= (1.0 - rho) * world.interface.foam_transmittance
     q.event += 1
-    put(q, along(place(q), g, -_HAIR))
+    put(q, along(place(q), g, -OFFSET))
     head(q, refracted)
 
 
@@ -317,7 +320,7 @@ def _facet_ahead(q, world):
 
 @outlined
 def _look_ahead(q, world, search):
-    """Join the light of a photon that meets the surface without another collision, by chance.
+    """Join, by chance, the light of a photon that meets the surface before another collision.
 
     Light that goes on straight to a receiver in the water is joined first.
     """
@@ -417,7 +420,7 @@ def _stays(q, world):
 
 @inlined
 def _note_mirror(q, facet, world, under):
-    """Note the facet that reflects a photon, if its way to a receiver is joined by hits, too.
+    """Record the facet that reflects a photon, if hits join its way to a receiver, too.
 
     Without random slopes that is the first facet after an event; light of further ones, and over
     random slopes, is joined by its crossing or at its next collision.
@@ -443,7 +446,7 @@ def _reflect(q, facet, world):
     _note_mirror(q, facet, world, world.under)
     if q.weight == 0.0 or not survives(q, place(q), 1.0, u_survival, world):
         return False
-    put(q, along(p, g, -_HAIR))
+    put(q, along(p, g, -OFFSET))
     head(q, reflected)
     q.level = targets.level_over(place(q), world)
     _, u_path, _, _ = uniforms(world.seed, q.id, q.event, Purpose.INTERFACE.value)
@@ -466,7 +469,7 @@ def _is_worth(q, is_turned, world):
 
 @outlined
 def _guide_from_wall(q, d, world, under):
-    """Send copies of a photon from the bottom or a body towards the targets, as after a collision.
+    """Guide copies of a photon off the bottom or a body to the targets, as after a collision.
 
     Array twin: photons without `Joins.lobe`.
     The photon itself goes on along d. Light from the bottom that almost heads for a target, and is
@@ -480,10 +483,7 @@ def _guide_from_wall(q, d, world, under):
         return
     phase = q.density
     u_guide, _, _, _ = uniforms(world.seed, q.id, q.event, Purpose.GUIDE.value)
-    if u_guide < lobe + cone and q.copies + 1 < len(world.photon):
-        _choose_guide(q, u_guide, lobe, cone, len(world.joins.guide))
-        _push(q, world)
-        q.law = Law.PHASE.value
+    _push_guided(q, u_guide, lobe, cone, world)
     q.density = targets.drawn_density(d, phase, q, world)
     q.weight *= phase / q.density
 
@@ -585,7 +585,7 @@ def _scatter(q, world):
 
 @outlined
 def _resume(q, world):
-    """Take up a copy that has waited behind its collision; return whether it lives.
+    """Take the last copy from the stack; return whether it lives.
 
     Its random numbers are those of the next event: no two of a photon's tree are the same.
     """
@@ -612,7 +612,7 @@ def _walk(q, world):
     """Follow a photon to its end."""
     low, high, bottom = world.surface.low[2], world.surface.high[2], world.medium.bottom_z
     alive = q.weight > 0.0
-    while alive and q.event < world.events:
+    while alive and q.event < _MOST_EVENTS:
         # facets are searched only where the path rises into the slab of the waves, or starts in it
         t, facet = q.free, np.int64(-1)
         if q.z + t * q.dz > low or (q.z >= low and q.dz > -1.0):

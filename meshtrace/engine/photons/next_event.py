@@ -1,4 +1,4 @@
-"""Next-event estimation through the surface: photons in the water joined to ends in the air.
+"""Next-event estimation through the surface: photons in the water joined to targets in the air.
 
 With random slopes a photon is joined in two ways. The crossing P ahead of it follows from its
 direction d, and the slope that refracts it to a point x of the aperture is unique: the score is
@@ -43,7 +43,7 @@ import numpy as np
 from meshtrace.engine import crossing
 from meshtrace.engine.chains.random_slopes import slope_towards
 from meshtrace.engine.photons import targets
-from meshtrace.engine.photons.in_medium import join_straight
+from meshtrace.engine.photons.in_medium import HAIR, join_straight, score
 from meshtrace.engine.photons.state import heading, place
 from meshtrace.kernels import interface
 from meshtrace.kernels.bodies import is_hidden
@@ -53,8 +53,6 @@ from meshtrace.kernels.medium import depth_between
 from meshtrace.kernels.random import Purpose, uniforms
 from meshtrace.kernels.rays import first_facet
 from meshtrace.kernels.scene import FLAT_SEA, Scene, height_on
-from meshtrace.kernels.tally import DIRECT, MIRRORED, REFLECTED, SCATTERED, keep_arrival
-from meshtrace.kernels.tints import tint_way
 from meshtrace.kernels.vectors import (
     ORIGIN,
     UP,
@@ -67,10 +65,8 @@ from meshtrace.kernels.vectors import (
     plus,
     row,
     scaled,
-    write,
 )
 
-_HAIR = 1e-4  # by which a path is shortened at its ends, over 1 m + its length: Embree is float32
 _SAME = 3e-4  # [m], two results of Newton that differ by less are one crossing
 _MOST_TRIALS = 100_000  # bounds the time; a bias: crossings drawn less often count too little
 _CLOSE = 1.0  # depth over the size of a facet, up to which every facet is searched
@@ -100,13 +96,13 @@ def _crossings_between(still, shot, q, scene, world, search):
     converged, x, y, facet = crossing.root_from(still.x, still.y, step, shot, scene)
     n = ZERO
     if converged:
-        n = _append(n, x, y, facet, 1.0, shot, world.roots)
+        n = crossing.add_root(world.roots, n, n, x, y, facet, shot.branch, 1.0)
     converged, rx, ry, facet = _trial(ZERO, still, step, shot, q, scene, world)
     # the crossing that is written already counts fully: reached again it adds nothing
     if not converged or (n == 1 and _is_same(rx, ry, x, y)):
         return n
     count = _inverse_probability(rx, ry, still, step, shot, q, scene, world)
-    return _append(n, rx, ry, facet, count, shot, world.roots)
+    return crossing.add_root(world.roots, n, n, rx, ry, facet, shot.branch, count)
 
 
 @outlined
@@ -130,15 +126,6 @@ def _is_same(x, y, other_x, other_y):
     return abs(x - other_x) + abs(y - other_y) < _SAME
 
 
-@inlined
-def _append(n, x, y, facet, multiplicity, shot, roots):
-    """Write crossing n of a shot, counted `multiplicity` times; return the new number."""
-    root = roots[n]
-    root.x, root.y, root.facet = x, y, facet
-    root.branch, root.multiplicity = shot.branch, multiplicity
-    return n + 1
-
-
 @outlined
 def _trial(k, still, step, shot, q, scene, world):
     """Return (converged, x, y, facet) of Newton's iteration from the drawn start of trial k.
@@ -150,7 +137,7 @@ def _trial(k, still, step, shot, q, scene, world):
     u, v, _, _ = uniforms(world.seed, q.id, q.event, purpose)
     # Student in the plane, nu = 4: u = P(r > x) = (1 + x^2 / 4)^-2, inverted
     r = 2.0 * math.sqrt(1.0 / math.sqrt(u) - 1.0)
-    start = targets.beside(still, r, v, world.joins)
+    start = targets.offset_crossing(still, r, v, world.joins)
     return crossing.root_from(start.x, start.y, step, shot, scene)
 
 
@@ -165,9 +152,7 @@ def _on_all_facets(still, shot, scene, search, world):
     crossing.flat_crossing(flat, still.x, still.y, shot, raised)
     if flat.low <= 0.0:
         return ZERO
-    widest = scene.target.reach + search.widest
-    bounded = crossing.Search(search.audit, search.slope, search.margin, widest, search.curvature)
-    radius = crossing.radius_of(flat, bounded, shot, scene)
+    radius = crossing.radius_of(flat, search, shot, scene)
     close = still.depth <= _CLOSE * search.margin
     return crossing.enumerate_roots(world.roots, ZERO, flat, radius, close, shot, scene)
 
@@ -185,7 +170,7 @@ def _is_clear(p, d, length, facet, world):
     if abs(d.z) > slope * math.sqrt(d.x * d.x + d.y * d.y):
         return True
     # neither the facets at its ends nor their neighbours are in the way
-    hair = _HAIR * (1.0 + length)
+    hair = HAIR * (1.0 + length)
     hit = first_facet(world.bvh, along(p, d, hair), d)
     if hit < 0 or hit == facet:
         return True
@@ -194,7 +179,7 @@ def _is_clear(p, d, length, facet, world):
 
 @outlined
 def _through(p, n, g, d, goal, facet, scene, world):
-    """Return (density, share) of light along d through P to a goal, by the slope that bends it.
+    """Return (density, share) of light along d that a random slope at P bends to a goal.
 
     The density is that of landing points about the goal [m-2], the share what transmittance,
     exposure of the facet and acceptance of the aperture leave.
@@ -246,42 +231,13 @@ def _point_density(i, by_slopes, world):
 
 
 @inlined
-def _score(q, i, weight, theta, p, goal, water, world):
-    """Score light of a photon at a point of target i, by a path of `water` [m] up to P.
-
-    `theta` is the angle of a scattering at the start of the path [rad], < 0 without one.
-    """
-    weight *= world.joins.target[i].share
-    n = keep_arrival(world, q.id, i, weight, world.tints, q.tint)
-    if n >= 0:  # there is room for it
-        a, target = world.arrivals[n], targets.scene_to(world.joins.target[i], world).target
-        # from the crossing to the point of the aperture, off its centre
-        off = plus(scaled(goal.x, target.e1), scaled(goal.y, target.e2))
-        way = minus(plus(target.center, off), p)
-        a.water, a.air, a.order = q.water + water, q.air + norm(way), q.order
-        a.part = _part_of(q, world.under)
-        # photons to a lamp run backwards: their light arrives where they start
-        write(a.way, scaled(-1.0, targets.vector_of(q.first)) if target.is_lamp else way)
-        tint_way(world.tints, a.tint, q.z, p.z, water)
-        if targets.is_mirrored(world.under):
-            # the way behind the crossing lies in the water, too
-            a.water, a.air = a.water + norm(way), 0.0
-            tint_way(world.tints, a.tint, p.z, p.z + way.z, norm(way))
-        if theta >= 0.0:
-            _, _, _, u = uniforms(world.seed, q.id, q.event, Purpose.JOIN_SLOPE.value)
-            targets.tint_mixed(a.tint, theta, u, place(q), world)
-
-
-@inlined
-def _part_of(q, under):
-    """Return the part of the gain that light of a photon belongs to, see `kernels.tally`."""
-    if under is None:
-        if q.reflections > 0:
-            return REFLECTED
-        return SCATTERED if q.order > 0 else DIRECT
-    if q.order == 0:
-        return MIRRORED
-    return q.turned_by
+def _score(q, i, weight, theta, water, p, goal, world):
+    """Score light of a photon by a crossing at p and a point of target i, see `in_medium.score`."""
+    target = targets.scene_to(world.joins.target[i], world).target
+    # from the crossing to the point of the aperture, off its centre
+    off = plus(scaled(goal.x, target.e1), scaled(goal.y, target.e2))
+    way = minus(plus(target.center, off), p)
+    score(q, i, weight, theta, water, p, way, world)
 
 
 @outlined
@@ -322,8 +278,8 @@ def join_crossing(q, facet, length, chance, world):
             # dA = length^2 / (d.g) dOmega has the horizontal area g_z dA, and points are drawn with
             # 1 / area; over the density of the direction that was drawn.
             other *= length * length * g.z / (dot(d, g) * scene.target.area * q.density)
-        score = weight * density * share / (here + other)
-        _score(q, i, score, -1.0, p, goal, length, world)
+        w = weight * density * share / (here + other)
+        _score(q, i, w, -1.0, length, p, goal, world)
 
 
 @outlined
@@ -348,7 +304,7 @@ def hit_crossing(q, facet, length, world):
         share *= crossing.transmittance(m, scene)
         ahead = dot(m.r, row(world.surface.face_normals, facet))
         if share > 0.0 and ahead > 0.0 and _is_clear(p, m.r, m.flight, facet, world):
-            _score(q, i, weight * share, -1.0, p, m.at, length, world)
+            _score(q, i, weight * share, -1.0, length, p, m.at, world)
 
 
 @outlined
@@ -388,7 +344,7 @@ def join_collision(q, turned_by, world):
         join_straight(q, i, world, world.under)
         still = targets.still_crossing(start, goal, level, scene)
         if rough:
-            p = targets.beside(still, r, v, joins)
+            p = targets.offset_crossing(still, r, v, joins)
             _join_by_slope(p, q, i, goal, still, scene, world, world.search)
         else:
             _join_bent(q, i, goal, still, scene, world, world.search)
@@ -431,7 +387,7 @@ def _join_by_slope(at, q, i, goal, still, scene, world, search):
     phase *= math.exp(-depth_between(world.medium, start, p, length))
     factor = phase * density * share / (here + other)
     if factor > 0.0:
-        _score(q, i, q.weight * factor, theta, p, goal, length, world)
+        _score(q, i, q.weight * factor, theta, length, p, goal, world)
 
 
 @outlined
@@ -485,4 +441,4 @@ def _join_at(at, facet, multiplicity, q, i, shot, scene, world):
     weight *= math.exp(-depth_between(world.medium, start, p, m.length))
     weight *= multiplicity * _passed_behind(p, m, scene)
     if weight > 0.0:
-        _score(q, i, q.weight * weight, theta, p, shot.goal, m.length, world)
+        _score(q, i, q.weight * weight, theta, m.length, p, shot.goal, world)

@@ -1,4 +1,4 @@
-"""Joined photons and the ends that they are joined to: records, chances, directions drawn.
+"""Joined photons and their targets: records, probabilities, and laws of drawn directions.
 
 Targets are apertures in the air, or lamps for photons that run backwards. Some of them are guides:
 directions are drawn about the straight ways to them, up to the crossing of still water. A goal is a
@@ -111,7 +111,6 @@ class Window(NamedTuple):
     beyond: float  # height of the extrapolated boundary above still water [m]
     highest: float  # weight times importance, over that of the start, from which photons split
     bent: float  # fall of the importance with the bend of the light at the crossing
-    in_water: bool  # receivers lie in the water, and the importance falls with their distance
 
 
 class Joins(NamedTuple):
@@ -157,7 +156,6 @@ SPARE = 16
 class JoinedWorld(NamedTuple):
     """Everything that the joined photons of a block share."""
 
-    first: int  # id of the first photon
     seed: np.uint64
     sources: Sources
     surface: MeshArrays
@@ -172,7 +170,6 @@ class JoinedWorld(NamedTuple):
     # lamps and receivers lie under the surface, or over it (False); None: on two sides, so that
     # kernels compile nothing of ways that stay on one
     under: bool | None
-    events: int  # after which a photon is ended
     tints: Tints | None
     bvh: Bvh
     photon: NDArray[np.void]  # JOINED_PHOTON: the one under way, and copies of it that wait
@@ -239,7 +236,7 @@ def facet_below(x, y, world):
 
 @inlined
 def level_over(p, world):
-    """Return the height of the surface over a point near it, and of still water over others."""
+    """Return the height of the surface over a point near it, that of still water over others."""
     # far below, the height of one wave matters less than the time to find it
     if p.z < _NEAR * world.surface.low[2] or world.surface.low[2] == world.surface.high[2]:
         return world.surface.level
@@ -318,7 +315,7 @@ def widths_of(still, joins):
 
 
 @inlined
-def beside(still, r, u, joins):
+def offset_crossing(still, r, u, joins):
     """Offset a flat-sea crossing by r standard deviations at azimuth 2 pi u."""
     widths = widths_of(still, joins)
     c, s = on_circle(u)
@@ -373,7 +370,7 @@ def mixed_phase(d, w, p, world):
 
 @inlined
 def note_event(q, under):
-    """Note the place of an event of a photon, from which a mirrored way starts."""
+    """Record the place of an event of a photon, from which a mirrored way starts."""
     if under is not None:
         write(q.event_at, place(q))
         q.facet = -1

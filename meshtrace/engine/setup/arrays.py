@@ -18,7 +18,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from meshtrace.engine.bvh import Hits, Intersector
+from meshtrace.engine.bvh import Hits, Intersector, filled_bins
 from meshtrace.errors import Described, Refused
 from meshtrace.kernels import interface, tables
 from meshtrace.kernels.medium import (
@@ -30,7 +30,7 @@ from meshtrace.kernels.medium import (
     Medium,
 )
 from meshtrace.kernels.rays import ROUNDING, Axis, Grid
-from meshtrace.kernels.scene import Locator, Target, count_bins, fill_bins
+from meshtrace.kernels.scene import Locator, Target
 from meshtrace.kernels.sources import SourceKind, Sources
 from meshtrace.kernels.tally import Apertures
 from meshtrace.link import AirSource, Link, Receiver, Source, WaterSource
@@ -400,14 +400,7 @@ def locator(surface: interface.MeshArrays, targets: Sequence[Target]) -> Locator
     width = max(high[0] - low[0], high[1] - low[1])
     step = max(0.1, width / 400.0)
     nx, ny = (max(math.ceil((high[i] - low[i]) / step), 1) for i in range(2))
-    start, empty = np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.int32)
-    grid = Locator(low[0], low[1], step, nx, ny, start, empty)
-    # counting sort: one array of facets ordered by bin, and the start of each bin in it
-    bins = np.empty((len(surface.vertices), 2), np.int64)
-    count_bins(surface.vertices, faces, grid, bins)
-    np.cumsum(start, out=start)
-    grid = grid._replace(facet=np.empty(start[-1], np.int32))
-    fill_bins(faces, grid, bins, start[:-1].copy())
+    grid = filled_bins(low[0], low[1], step, (nx, ny), surface.vertices, faces)
     _recent_bins.append(((faces, places.copy()), key, grid))
     return grid
 
@@ -447,7 +440,7 @@ def angle_edges() -> Floats:
 
 
 def grid_shape(mesh: TriangleMesh) -> tuple[int, int] | None:
-    """Return the numbers of vertices (nx, ny) of a mesh made by `triangulate`, None of another."""
+    """Return the numbers of vertices (nx, ny) of a mesh by `triangulate`, None for any other."""
     # vertex (i, j) is number i ny + j, and the first facet of `grid_faces` starts with 0 and ny
     ny = int(mesh.faces[0, 1])
     nx = len(mesh.vertices) // ny if ny > 1 else 0

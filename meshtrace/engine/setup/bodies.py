@@ -31,7 +31,18 @@ def scene_of(link: Link, frame: Frame) -> BodyScene | None:
     # the placed bodies alone decide: links that differ in anything else share a scene
     places = tuple(body.replace(albedo=0.0, reflection="black") for body in link.bodies)
     intersector = _scene(places, frame)
-    return BodyScene(intersector, _arrays(link, intersector))
+    bodies, mesh = link.bodies, intersector.mesh
+    sizes, wavelength = [body.n_facets for body in bodies], link.transmitters[0].wavelength_nm
+    arrays = BodyArrays(
+        vertices=mesh.vertices,
+        faces=mesh.faces,
+        face_normals=mesh.face_normals,
+        body=np.repeat(np.arange(len(bodies), dtype=np.int32), sizes),
+        albedo=np.array([body.albedo_at(wavelength) for body in bodies]),
+        is_mirror=np.array([body.reflection == "mirror" for body in bodies]),
+        bvh=NO_BVH,
+    )
+    return BodyScene(intersector, arrays)
 
 
 @contextmanager
@@ -56,18 +67,3 @@ def _scene(bodies: tuple[Body, ...], frame: Frame) -> EmbreeIntersector:
     mesh = TriangleMesh(np.concatenate(vertices), np.concatenate(faces), overhangs=True)
     # built here: threads that cast the first rays at once would each build it
     return EmbreeIntersector(mesh, 1).built()
-
-
-def _arrays(link: Link, intersector: EmbreeIntersector) -> BodyArrays:
-    """Return the facets of the bodies of a link, with their albedos at its wavelength."""
-    bodies, mesh = link.bodies, intersector.mesh
-    sizes, wavelength = [body.n_facets for body in bodies], link.transmitters[0].wavelength_nm
-    return BodyArrays(
-        vertices=mesh.vertices,
-        faces=mesh.faces,
-        face_normals=mesh.face_normals,
-        body=np.repeat(np.arange(len(bodies), dtype=np.int32), sizes),
-        albedo=np.array([body.albedo_at(wavelength) for body in bodies]),
-        is_mirror=np.array([body.reflection == "mirror" for body in bodies]),
-        bvh=NO_BVH,
-    )

@@ -163,7 +163,7 @@ def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
 
 
 def require_chains(link: Link) -> None:
-    """Refuse what joined photons follow but no chains: `Link.require_chains`, and wide lamps."""
+    """Refuse what joined photons follow but chains do not: `Link.require_chains`, wide lamps."""
     link.require_chains()
     for path, item in link.items():
         if isinstance(item, Source) and item.size > 0.0:
@@ -326,7 +326,7 @@ def _top_of(body: Body) -> float:
 
 
 def _require_reversible(link: Link) -> None:
-    """Refuse published forms that break reciprocity, or are of light that leaves the water alone.
+    """Refuse published forms that break reciprocity or hold only for light out of the water.
 
     Chains of a downlink run against the light; links on one side have no published forms.
     """
@@ -348,7 +348,7 @@ def _require_reversible(link: Link) -> None:
 
 
 def expected_water(link: Link, crest: float) -> Medium:
-    """Return the water, with the scattering that gives the expected weight of a photon.
+    """Return the water with the scattering that gives the expected weight of a photon.
 
     The published Algorithm 1 scatters with the probability of the albedo and also weights by it:
     on average b -> albedo b, with the same absorption (E5 of docs/paper.md). `crest` is that of
@@ -425,7 +425,7 @@ def across(axis: tuple[float, float, float]) -> tuple[Vec3, Vec3]:
 
 
 def lamp_target(lamp: AirLamp, link: Link, frame: arrays.Frame = arrays.IDENTITY) -> Target:
-    """Return a lamp in the air as the point that chains from the water aim at.
+    """Return a lamp in the air as the point target of chains from the water.
 
     Its field of view ends where the intensity has fallen to 1e-7 of that on the axis.
     """

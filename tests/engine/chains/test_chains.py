@@ -33,16 +33,7 @@ def make(link, order, n=N, seed=1, crest=0.0, free=None):
         component = np.searchsorted(np.cumsum(nominal.mixture)[:-1], rng.random(n))
     else:
         component = np.full(n, 0 if free else 1)
-    out = kernel.Chains(
-        vertex=np.empty((n, order, 3)),
-        kind=np.zeros((n, order), np.int8),
-        last=np.empty((n, 3)),
-        path=np.empty(n),
-        weight=np.empty(n),
-        disk=np.empty((n, 2)),
-        tail=np.empty((n, 3)),
-        tilt=np.empty((n, 2)),
-    )
+    out = kernel.Chains.zeros(n, order)
     kernel.make_chains(out, nominal, medium, u, component)
     return nominal, out, component
 
