@@ -1,4 +1,4 @@
-"""Columns of cells of texts, arrays and data frames, with the headings and comments above them."""
+"""Cells of tables in text, arrays and data frames, with their headings and comments."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class Cells:
         return Refused(self.name, Described(f"{where}: {problem}"), f"{kind}, {allowed}")
 
     def counts(self, index: int) -> bool:
-        """Return whether a column merely counts its rows, from 0 or 1 on."""
+        """Return whether a column only numbers the rows, from 0 or 1 on."""
         try:
             values = self.numbers(index)
         except Refused:
@@ -108,8 +108,8 @@ class Cells:
         first = values[0] if len(values) else np.nan
         return first in (0.0, 1.0) and np.array_equal(values, first + np.arange(len(values)))
 
-    def tell(self) -> None:
-        """Warn once of all conversions and omissions."""
+    def warn(self) -> None:
+        """Warn of all conversions and omissions."""
         if self.notes:
             warn_of_input(f"{self.name}: {'; '.join(self.notes)}")
 
@@ -166,7 +166,7 @@ def text_of(path: str | PathLike[str], errors: str = "strict") -> str:
 def cells_of_text(
     text: str, name: str, delimiter: str | None = None, heads: int | None = None, first: int = 1
 ) -> Cells:
-    """Return the cells of a text; its first line has the number `first` in its file."""
+    """Return the cells of a text; `first` is the number of its first line in its file."""
     # (line number, line without comment)
     lines, comments = list[tuple[int, str]](), list[tuple[int, str]]()
     for number, line in enumerate(re.split(r"\r\n|\r|\n", text), first):
@@ -203,7 +203,7 @@ def cells_of_text(
 
 
 def _even(lines_of_words: list[list[str]], places: Sequence[int], name: str) -> list[list[str]]:
-    """Return rows of equal length, without words after the last column; refuse uneven rows."""
+    """Cut words after the last column; refuse rows of unequal length."""
     width = min(map(len, lines_of_words))
     for place, row in zip(places, lines_of_words, strict=True):
         if not all(word[:1].isalpha() and not reads_as_number(word) for word in row[width:]):

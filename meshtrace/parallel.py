@@ -1,4 +1,4 @@
-"""Threads and processes: ordered maps, their pace, limits of BLAS, safe starts of Python."""
+"""Threads and processes: ordered maps, expected times, limits of BLAS, safe starts of Python."""
 
 from __future__ import annotations
 
@@ -9,19 +9,18 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
-from functools import cache, wraps
+from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import cache
 from math import ceil
 from pathlib import Path
 from threading import Lock, local
 from time import monotonic, thread_time
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, TypeVar
 
 from meshtrace.errors import require_whole
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
-Options = ParamSpec("Options")
 
 _worker = local()  # `is_busy` in the threads of `results_of`
 
@@ -42,7 +41,7 @@ def cores() -> int:
 
 
 def default_threads(threads: int | None = None) -> int:
-    """Return a given number of threads, 1 to 1024, or by default all cores of the process."""
+    """Return a checked number of threads, 1 to 1024, by default all cores of the process."""
     if threads is None:
         return cores()
     require_whole(threads, 1, 1024, "threads")
@@ -84,11 +83,16 @@ def import_path() -> str:
     return os.pathsep.join(f for f in folders if f != here or f == package)
 
 
+def safe_processes() -> AbstractContextManager[None]:
+    """Start all Python processes of a block, also those of other packages, like `python_start`."""
+    return environment(_SAFE)
+
+
 @contextmanager
-def safe_processes() -> Iterator[None]:
-    """Start all Python processes of a block, other packages' included, like `python_start`."""
-    before = {name: os.environ.get(name) for name in _SAFE}
-    os.environ.update(_SAFE)
+def environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """Set environment variables within a block."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
     try:
         yield
     finally:
@@ -167,15 +171,8 @@ def one_blas_thread() -> Iterator[None]:
         _BLAS.leave()
 
 
-def held(function: Callable[Options, Result]) -> Callable[Options, Result]:
-    """Decorate a function to run with BLAS limited to one thread."""
-
-    @wraps(function)
-    def alone(*arguments: Options.args, **options: Options.kwargs) -> Result:
-        with one_blas_thread():
-            return function(*arguments, **options)
-
-    return alone
+held = one_blas_thread()
+"""Decorator of functions that run with BLAS limited to one thread."""
 
 
 def ordered_map(
@@ -258,7 +255,7 @@ _MEASURED = 1.0
 
 
 class LongWork(UserWarning):
-    """Warning that a work is expected to take minutes or more."""
+    """Warning that a computation is expected to take minutes or more."""
 
 
 def announce(seconds: float, work: str, least: float = LONG) -> None:
@@ -268,7 +265,7 @@ def announce(seconds: float, work: str, least: float = LONG) -> None:
 
 
 class Pace:
-    """Pace of a work: its first results tell how long all will take, which is announced.
+    """Rate of a computation, by which its first results announce the expected time of all.
 
     Parameters
     ----------
@@ -304,7 +301,7 @@ def paced(
     work: str,
     size: Callable[[Result], float] = lambda _: 1.0,
 ) -> Generator[Result, None, None]:
-    """Yield results, and announce the expected time of all, by the rate of the first ones.
+    """Yield results, and announce the expected time of all by the rate of the first.
 
     Parameters
     ----------

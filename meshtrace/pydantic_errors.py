@@ -41,7 +41,7 @@ def refuse(
     kind, cause = first["type"], first.get("ctx", {}).get("error")
     path = path if cls else [name, *words_of(path)]
     if isinstance(cause, Refused):
-        if cls and path and cause.field == path[-1]:  # validators of a field name it themselves
+        if path and cause.field == path[-1]:  # validators of a field name it themselves
             path.pop()
         raise cause.inside(*path) from None
     value = MISSING if kind == "missing" else first["input"]

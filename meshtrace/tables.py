@@ -99,7 +99,7 @@ class Heading(NamedTuple):
 
 
 class Series(NamedTuple):
-    """Values of a column in its wanted unit, and its heading, None without headings."""
+    """Values of a column in the wanted unit, and its heading, None without headings."""
 
     values: Floats
     heading: Heading | None
@@ -151,7 +151,7 @@ def read_columns(
         heading = headings[index] if headings else None
         values = cells.finite(index, heading.text if heading else "")
         table[column.name] = Series(_converted(values, column, heading, cells), heading)
-    cells.tell()
+    cells.warn()
     return table
 
 
@@ -224,7 +224,7 @@ def _matched(
 
 
 def _is_of(heading: Heading, column: Column) -> bool:
-    """Return whether a heading states a unit of a column: if it is optional, exactly the wanted."""
+    """Return whether the unit of a heading means a column, an optional one only by its own unit."""
     if column.relative or column.unit == "1" or heading.unit is None:
         return False
     matches = is_convertible if column.required else is_same
@@ -282,13 +282,13 @@ def headings_of(cells: Cells, columns: Sequence[Column]) -> list[Heading]:
     for remark in () if best else cells.remarks:
         words = headings_in(remark, cells)
         separated = len(words) == width > 1 and not any(map(reads_as_number, words))
-        if (separated and remark == cells.remarks[-1]) or tells(remark, columns):
+        if (separated and remark == cells.remarks[-1]) or has_other_unit(remark, columns):
             raise Refused(cells.name, Described(f"# {remark}"), allowed)
     return best
 
 
-def tells(remark: str, columns: Sequence[Column]) -> bool:
-    """Return whether a remark names a unit that would change the values of a column."""
+def has_other_unit(remark: str, columns: Sequence[Column]) -> bool:
+    """Return whether a remark names a unit in which the values of a column would differ."""
     for unit in _IN_REMARKS.findall(remark):
         if unit == "%" or unit.lower().startswith("per"):
             if any(column.unit == "1" for column in columns):
@@ -398,7 +398,7 @@ def _bracketed(line: str, separator: str) -> list[str]:
 
 
 def with_file(data: Any, read: Callable[[Any], dict[str, Any]]) -> Any:
-    """Return plain data of a model with what `read` returns of the text file of its key `file`."""
+    """Replace the key `file` in plain data of a model by what `read` returns of that file."""
     if not (isinstance(data, Mapping) and "file" in data):
         return data
     fields = dict(data)

@@ -1,21 +1,21 @@
-"""Waves of a sum: the bands of frequencies and directions, and the waves within them."""
+"""Bands of frequency and direction, and the discrete waves that stand for their energy."""
 
 from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Annotated, Any, Literal, NamedTuple, Self, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import AfterValidator, BeforeValidator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from meshtrace.checks import Shape, check_call
-from meshtrace.errors import Refused, is_number
+from meshtrace.errors import Refused, is_number, require_between
 from meshtrace.models import Model
 from meshtrace.quadrature import gauss_legendre
 
-from .parameters import Floats, Positive, Range, named_or_given
+from .parameters import Floats, Positive, named_or_given
 from .spectra import Jonswap, Spectrum
 from .spreadings import Spreading
 
@@ -34,16 +34,12 @@ _MOST_DIRECTIONS = 100_000
 _NEGLIGIBLE = 1e-9  # of a bin: rounding of its edges
 
 
-class Samples(NamedTuple):
-    """Variance [m2], frequency [rad s-1] and direction from the wind [rad] of each wave."""
-
-    variance: Floats
-    omega: Floats
-    theta: Floats
+Waves = tuple[Floats, Floats, Floats]
+"""Variance [m2], frequency [rad s-1] and direction from the wind [rad] of each wave."""
 
 
 class Band(Model, frozen=True):
-    """Band of frequencies and directions of the waves of a sum.
+    """Band of frequencies and directions that the waves of a sea sample.
 
     Parameters
     ----------
@@ -107,8 +103,8 @@ class Band(Model, frozen=True):
         edges[-1] = self.omega_max
         return edges
 
-    def waves(self, spectrum: Spectrum, spreading: Spreading) -> Samples:
-        """Return the waves of a sea in this band, arrays of shape (n_omega, n_theta)."""
+    def waves(self, spectrum: Spectrum, spreading: Spreading) -> Waves:
+        """Return the waves of a sea in this band, arrays (n_omega, n_theta)."""
         if self.drawn:
             return drawn_waves(self.edges, self.d_theta, spectrum, spreading)
         assert self.d_omega is not None
@@ -121,7 +117,7 @@ class Band(Model, frozen=True):
         # the paper's rule: density at the frequency of the wave times the distance of waves
         variance = (spectrum(centers) * self.d_omega)[:, None] * shares
         omega = np.broadcast_to(centers[:, None], shares.shape)
-        return Samples(variance, omega, np.broadcast_to(theta, shares.shape))
+        return variance, omega, np.broadcast_to(theta, shares.shape)
 
 
 PAPER_BANDS = {
@@ -229,7 +225,7 @@ Edges = Annotated[Floats, Shape("n"), AfterValidator(_two_edges)]
 
 
 @check_call
-def drawn_waves(edges: Edges, d_theta: float, spectrum: Spectrum, spreading: Spreading) -> Samples:
+def drawn_waves(edges: Edges, d_theta: float, spectrum: Spectrum, spreading: Spreading) -> Waves:
     r"""Return one wave for each cell of frequency and direction, drawn within the cell.
 
     .. math:: \sigma_{ij}^2 = \int_{\omega_i}^{\omega_{i+1}} S d\omega
@@ -261,7 +257,7 @@ def drawn_waves(edges: Edges, d_theta: float, spectrum: Spectrum, spreading: Spr
     shares = (density.reshape(len(width), *theta.shape) * weights).sum(axis=2) * cell
     # whatever the error of the quadrature, a bin keeps its variance
     shares /= shares.sum(axis=1, keepdims=True)
-    return Samples(variance[:, None] * shares, *drawn_places(edges, low, cell))
+    return variance[:, None] * shares, *drawn_places(edges, low, cell)
 
 
 def drawn_places(edges: Floats, low: Floats, width: Floats | float) -> tuple[Floats, Floats]:
@@ -296,7 +292,9 @@ def drawn_places(edges: Floats, low: Floats, width: Floats | float) -> tuple[Flo
 
 
 @check_call
-def direction_grid(half_range: float, d_theta: float) -> Floats:
+def direction_grid(
+    half_range: Annotated[float, Field(gt=0.0, le=math.pi)], d_theta: float
+) -> Floats:
     """Return directions spaced by `d_theta` and symmetric about the wind.
 
     Parameters
@@ -321,8 +319,7 @@ def direction_grid(half_range: float, d_theta: float) -> Floats:
     >>> [len(direction_grid(math.pi / 2, step)) for step in (math.pi / 5, math.pi / 20)]
     [6, 21]
     """
-    Range("half_range", 0.0, math.pi, "rad").check(half_range)
-    Range("d_theta", 0.0, half_range, "rad").check(d_theta)
+    require_between(d_theta, 0.0, half_range, "d_theta", "(]")
     # the tolerance keeps pi over pi / 20 at 20 steps whatever the last bit of the quotient
     fits = math.floor(2.0 * half_range / d_theta * (1.0 + 1e-12))
     if fits > _MOST_DIRECTIONS:

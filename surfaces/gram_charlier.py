@@ -1,4 +1,4 @@
-"""Skewness and peakedness of the slopes of the sea, and a density that has both."""
+"""Skewness and peakedness of the slopes of the sea, and a density with both."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from meshtrace.kernels.interface import GAUSSIAN, WIDE, Series
 from meshtrace.mesh import Cumulants
 from meshtrace.models import Finite, Model
 
-from .parameters import WIND_SPEED, Floats, Mss, Variances, named_or_given
+from .parameters import Floats, Mss, Variances, WindSpeed, named_or_given
 
 _REACH, _STEP = 7.0, 0.05  # of the quadrature, in standard deviations
 _FARTHEST = 0.5  # chi-square distance of a density from the Gaussian one
@@ -77,7 +77,7 @@ class GramCharlier(Model, frozen=True):
     c04: Finite = 0.0
 
     @classmethod
-    def cox_munk(cls, wind_speed: float) -> GramCharlier:
+    def cox_munk(cls, wind_speed: WindSpeed) -> GramCharlier:
         """Return the coefficients of a clean sea.
 
         c21 = 0.01 - 0.0086 U, c03 = 0.04 - 0.033 U, c40 = 0.40, c22 = 0.12, c04 = 0.23
@@ -102,11 +102,11 @@ class GramCharlier(Model, frozen=True):
         >>> print(f"{GramCharlier.cox_munk(10.0).c03:.2f}")
         -0.29
         """
-        u = WIND_SPEED.check(wind_speed)
-        return cls(c21=0.01 - 0.0086 * u, c03=0.04 - 0.033 * u, c40=0.40, c22=0.12, c04=0.23)
+        c21, c03 = 0.01 - 0.0086 * wind_speed, 0.04 - 0.033 * wind_speed
+        return cls(c21=c21, c03=c03, c40=0.40, c22=0.12, c04=0.23)
 
     @classmethod
-    def breon_henriot(cls, wind_speed: float) -> GramCharlier:
+    def breon_henriot(cls, wind_speed: WindSpeed) -> GramCharlier:
         """Return the coefficients measured from space.
 
         c21 = -9.1e-4 U^2, c03 = -0.45 / (1 + exp(7 - U)), c40 = 0.30, c22 = 0.12, c04 = 0.40
@@ -134,9 +134,8 @@ class GramCharlier(Model, frozen=True):
         >>> print(f"{GramCharlier.breon_henriot(10.0).c21:.3f}")
         -0.091
         """
-        u = WIND_SPEED.check(wind_speed)
-        c03 = -0.45 / (1.0 + math.exp(7.0 - u))
-        return cls(c21=-9.1e-4 * u**2, c03=c03, c40=0.30, c22=0.12, c04=0.40)
+        c03 = -0.45 / (1.0 + math.exp(7.0 - wind_speed))
+        return cls(c21=-9.1e-4 * wind_speed**2, c03=c03, c40=0.30, c22=0.12, c04=0.40)
 
     def cumulants(self, slope_variance: Variances) -> Cumulants:
         """Return the third and fourth cumulants of slopes of variances along and across the wind.
@@ -246,7 +245,7 @@ SlopeLaw = Annotated[SlopeLawName | GramCharlier, BeforeValidator(_read)]
 
 
 def require_random(law: str | GramCharlier, mss: Mss) -> None:
-    """Refuse a density of random slopes for a sea without any."""
+    """Refuse a density of random slopes for a sea without random slopes."""
     if law != "gaussian" and mss == "band":
         raise Refused("slope_law", law, 'gaussian with mss = "band": no slopes are random')
 

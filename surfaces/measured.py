@@ -26,7 +26,7 @@ from meshtrace.tables import Column, Heading, headings_of
 from meshtrace.units import convert, is_convertible, is_same
 
 from .directional import from_wavespectra
-from .parameters import DEPTH, Floats, Mss
+from .parameters import Depth, Floats, Mss
 from .seas import MeasuredSea
 from .spreadings import Spreading
 from .waves import wavenumber
@@ -54,7 +54,7 @@ _DEEP = 1e4  # m; deep water for diwasp, which has no such option
 @check_call
 def gauge_spectrum(
     source: Annotated[str | PathLike[str] | ArrayLike, Inside()],
-    depth: float | None = None,
+    depth: Depth | None = None,
     *,
     spreading: Spreading | str | dict[str, Any] | None = None,
     direction_deg: float = 0.0,
@@ -137,8 +137,6 @@ def gauge_spectrum(
     name, elevation, step = _read_gauges(source, unit)
     n, gauges = elevation.shape
     require_whole(segments, 2, max(2, n // _FEWEST), "segments")
-    if depth is not None:
-        DEPTH.check(depth)
     length = n // segments
     freq, each = signal.welch(
         signal.detrend(elevation, axis=0), 1.0 / step, nperseg=length,
@@ -268,7 +266,7 @@ def _read_gauges(source: Any, unit: str | None) -> tuple[str, Floats, float]:
     # a column that only rises is a time or a count, not waves
     if not headings and (np.diff(elevation, axis=0) > 0.0).all(axis=0).any():
         raise Refused(name, Described("a gauge that rises in all rows"), "headings of the columns")
-    cells.tell()
+    cells.warn()
     return name, elevation, _step(name, time)
 
 
@@ -355,7 +353,7 @@ def _band(
 def _stated(
     spreading: Any, freq: Floats, theta: Floats, peak: float, wind_speed: float | None
 ) -> Floats:
-    """Return the energy fractions by direction at each frequency, from a spreading."""
+    """Return the shares of energy by direction at each frequency, from a spreading."""
     if spreading is None:
         raise Refused("spreading", None, "a spreading: one gauge does not see directions")
     # spreadings take angles from -pi to pi
@@ -377,7 +375,7 @@ def _of_array(
     elevation: Floats, step: float, positions: Any, length: int,
     freq: Floats, theta: Floats, depth: float | None,
 ) -> Floats:  # fmt: skip
-    """Return the energy fractions by direction at each frequency, from an array of gauges."""
+    """Return the shares of energy by direction at each frequency, from an array of gauges."""
     n = elevation.shape[1]
     allowed = f"{n} pairs (x, y) [m], one for each gauge, three or more not on a line"
     at = require_array(() if positions is None else positions, "positions", allowed)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,47 +17,32 @@ from meshtrace.models import Model
 from meshtrace.models import Positive as Positive
 
 
-class Range(NamedTuple):
-    """An interval low < value <= high (low <= value with `closed`) with a name and a unit."""
+def in_range(
+    name: str, low: float, high: float = math.inf, unit: str = "", closed: bool = False
+) -> Callable[[float], float]:
+    """Return a function that refuses all but low < value <= high (low <= value with `closed`)."""
+    below, above = "<=" if closed else "<", "<=" if math.isfinite(high) else "<"
+    allowed = f"{low:g} {below} {name} {above} {high:g} {unit}".rstrip()
+    ends = f"{'[' if closed else '('}{']' if math.isfinite(high) else ')'}"
 
-    name: str
-    low: float = -math.inf
-    high: float = math.inf
-    unit: str = ""
-    closed: bool = False
-
-    def check(self, value: float) -> float:
-        """Return `value` unchanged; raise `Refused` outside of the interval."""
+    def check(value: float) -> float:
         # formulas divide by such numbers, and the squares of the quotients may overflow
-        if 0.0 == self.low < value < SMALLEST and not self.closed:
-            raise Refused(self.name, value, f"at least {SMALLEST:g} {self.unit}".rstrip())
-        ends = f"{'[' if self.closed else '('}{']' if math.isfinite(self.high) else ')'}"
-        require_between(value, self.low, self.high, self.name, ends, str(self))
-        return value
+        if 0.0 == low < value < SMALLEST and not closed:
+            raise Refused(name, value, f"at least {SMALLEST:g} {unit}".rstrip())
+        return require_between(value, low, high, name, ends, allowed)
 
-    def __str__(self) -> str:
-        """Return the interval as text, such as `0 < wind_speed <= 60 m/s`."""
-        below = "<=" if self.closed else "<"
-        above = "<=" if math.isfinite(self.high) else "<"
-        return f"{self.low:g} {below} {self.name} {above} {self.high:g} {self.unit}".rstrip()
+    return check
 
 
-WIND_SPEED = Range("wind_speed", 0.0, 60.0, "m/s")
-FETCH = Range("fetch", 0.0, unit="m")
-DEPTH = Range("depth", 0.0, unit="m")
-GAMMA = Range("gamma", 1.0, 20.0, closed=True)
-ALPHA = Range("alpha", 0.0)
-TIME = Range("time", unit="s")
-
-WindSpeed = Annotated[float, AfterValidator(WIND_SPEED.check)]
-Fetch = Annotated[float, AfterValidator(FETCH.check)]
-Depth = Annotated[float, AfterValidator(DEPTH.check)]
-Gamma = Annotated[float, AfterValidator(GAMMA.check)]
-Alpha = Annotated[float, AfterValidator(ALPHA.check)]
+WindSpeed = Annotated[float, AfterValidator(in_range("wind_speed", 0.0, 60.0, "m/s"))]
+Fetch = Annotated[float, AfterValidator(in_range("fetch", 0.0, unit="m"))]
+Depth = Annotated[float, AfterValidator(in_range("depth", 0.0, unit="m"))]
+Gamma = Annotated[float, AfterValidator(in_range("gamma", 1.0, 20.0, closed=True))]
+Alpha = Annotated[float, AfterValidator(in_range("alpha", 0.0))]
 Current = tuple[Finite, Finite]
 Mss = Literal["cox-munk", "elfouhaily", "band"]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
-Variances = tuple[float, float]
+Variances = Annotated[tuple[float, float], Field(ge=0.0)]
 """Slope variances along and across the wind."""
 
 
@@ -75,7 +60,7 @@ def named_or_given(
 def finite_array(name: str, value: ArrayLike, minimum: float = -math.inf) -> Floats:
     """Return `value` as float64; raise `Refused` if not finite or below `minimum`."""
     closed = minimum > -math.inf
-    allowed = f"{Range(name, minimum, closed=closed)}, all finite"
+    allowed = f"{minimum:g} {'<=' if closed else '<'} {name} < inf, all finite"
     return require_range(value, minimum, math.inf, name, "[)" if closed else "()", allowed)
 
 

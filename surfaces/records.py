@@ -1,4 +1,4 @@
-"""Selection of one record of many times and stations: by date, label or place."""
+"""Selection of one record by date, station or place."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
 
 from meshtrace.checks import check_call
-from meshtrace.errors import MISSING, Described, Refused, require_real
+from meshtrace.errors import MISSING, Described, Refused
 from meshtrace.mesh import Cumulants
 from meshtrace.models import FamilyField, InheritedFamilyField, NonNegative, converted
 
@@ -111,16 +111,16 @@ class _BandedSea(RandomSea, frozen=True):
 
     @cached_property
     def free_waves(self) -> WaveComponents:
-        """The waves of first order, direction by direction at each frequency."""
+        """The waves of first order, with the directions of a frequency next to each other."""
         # the seeds of a sea differ in the phases only
         if "waves" not in self._seedless:
-            components = self.band.waves(self.spectrum, self.spreading)
-            k = wavenumber(components.omega, self._water_depth(), self.capillary)
-            heading = components.theta + math.radians(self.wind_direction_deg)
+            variance, omega, theta = self.band.waves(self.spectrum, self.spreading)
+            k = wavenumber(omega, self._water_depth(), self.capillary)
+            heading = theta + math.radians(self.wind_direction_deg)
             # a wave a cos(phi) has the variance a^2 / 2
-            amplitude, no_phase = np.sqrt(2.0 * components.variance), np.zeros_like(heading)
+            amplitude, no_phase = np.sqrt(2.0 * variance), np.zeros_like(heading)
             self._seedless["waves"] = flat_components(
-                amplitude, components.omega, k, heading, no_phase, self.current
+                amplitude, omega, k, heading, no_phase, self.current
             )
         waves: WaveComponents = self._seedless["waves"]
         # flat, with directions fastest: the numbers of random((n_omega, n_theta))
@@ -152,7 +152,7 @@ class _BandedSea(RandomSea, frozen=True):
 
     @property
     def for_fading(self) -> _BandedSea | None:
-        """The sea with the short waves that make light fade; None to keep this sea.
+        """The sea with the short waves that cause fading; None to keep this sea.
 
         It stays if its waves are chosen, by `omega_max`, by `waves`, or by `mss` = "band" (no waves
         beyond them). A spectrum with an omega^-5 tail gives way to `short_waves` if wind and fetch
@@ -480,7 +480,7 @@ def _cells(theta: Floats, variance: Floats) -> tuple[Floats, float, Floats]:
 
 
 def bin_edges(omega: Floats) -> Floats:
-    """Return the edges [rad s-1] of n bins: midpoints, and as far beyond the first and last.
+    """Return the edges [rad s-1] of n frequency bins: the midpoints, and one beyond either end.
 
     Shape (n + 1,). The first bin does not go below half of its frequency, so that it stays > 0.
     """
@@ -490,7 +490,7 @@ def bin_edges(omega: Floats) -> Floats:
 
 
 def _part(value: Any) -> RandomSea:
-    """Validate a part of a `SumSea`, which is itself linear."""
+    """Read a part of a `SumSea`; refuse a nonlinear one."""
     sea = Surface.read(value)
     if not isinstance(sea, RandomSea):
         raise Refused("parts", getattr(sea, "kind", value), "random seas only")
@@ -609,7 +609,7 @@ def sea_from_config(config: Mapping[str, Any]) -> Surface | MeshSequence:
 
 @check_call
 def resolved_sea(wind_speed: float, fetch: float | None = None, seed: int = 0) -> SpectralSea:
-    """Return the sea of a wind with a model of the short waves that make light fade.
+    """Return the sea of a wind with a spectrum of the short waves that cause fading.
 
     Parameters
     ----------
@@ -645,7 +645,7 @@ def resolved_sea(wind_speed: float, fetch: float | None = None, seed: int = 0) -
 
 
 @check_call
-def sea_in_wind(wind_speed: float, seed: int = 0) -> Surface:
+def sea_in_wind(wind_speed: Annotated[float, Field(ge=0.0, le=60.0)], seed: int = 0) -> Surface:
     """Return the default sea of a wind: a JONSWAP sea, or a flat one without wind.
 
     Parameters
@@ -665,6 +665,6 @@ def sea_in_wind(wind_speed: float, seed: int = 0) -> Surface:
     >>> sea_in_wind(0.0), sea_in_wind(8.0) == JonswapSea(wind_speed=8.0)
     (FlatSea(), True)
     """
-    if require_real(wind_speed, "wind_speed", "0 <= wind_speed <= 60") == 0.0:
+    if wind_speed == 0.0:
         return FlatSea()
     return JonswapSea(wind_speed=wind_speed, seed=seed)

@@ -27,7 +27,7 @@ from meshtrace.models import Model
 from meshtrace.netcdf import opened, require_size, valid_values
 from meshtrace.units import convert, unit_of
 
-from .parameters import TIME, Floats, Positive
+from .parameters import Floats, Positive
 from .triangulate import from_trimesh, grid_faces, read_mesh, unfit
 
 if TYPE_CHECKING:
@@ -348,7 +348,7 @@ def _plain(value: Any) -> Any:
 
 
 class MeshSequence(Model, frozen=True):
-    """A surface as meshes in files, one for each time.
+    """A surface given by one mesh file for each time.
 
     Parameters
     ----------
@@ -498,7 +498,7 @@ class MeshSequence(Model, frozen=True):
         fine_extent: float | None = None,
         coarse_spacing: float | None = None,
     ) -> TriangleMesh:
-        """Return the mesh at a time [s], on the facets of the frames; `extent` has no effect.
+        """Return the mesh at a time [s], with the facets of the frames; `extent` has no effect.
 
         Raises
         ------
@@ -506,7 +506,7 @@ class MeshSequence(Model, frozen=True):
             If the time lies outside the record, a frame cannot be read or is no surface (see
             `from_trimesh`), or frames of other facets are to be blended.
         """
-        times, time = self._frame_times, TIME.check(time)
+        times = self._frame_times
         # times of a study are rounded, by less than 1e-9 s
         if not times[0] - 1e-9 <= time <= times[-1] + 1e-9:
             raise Refused("time", time, f"{times[0]:g} <= time <= {times[-1]:g} s, the record")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from functools import cached_property, lru_cache
-from typing import Literal, NamedTuple, Self
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,19 +20,7 @@ from meshtrace.checks import check_call
 from meshtrace.errors import Refused
 from meshtrace.models import Family, NonNegative
 
-from .parameters import (
-    DEPTH,
-    WIND_SPEED,
-    Alpha,
-    Depth,
-    Fetch,
-    Floats,
-    Gamma,
-    Positive,
-    Range,
-    WindSpeed,
-    finite_array,
-)
+from .parameters import Alpha, Depth, Fetch, Floats, Gamma, Positive, WindSpeed, finite_array
 from .waves import (
     CAPILLARY_WAVENUMBER,
     GRAVITY,
@@ -90,7 +78,7 @@ class Spectrum(Family, ABC, frozen=True):
         return self.omega_p
 
     def _raised(self, omega: ArrayLike) -> Floats:
-        """Return checked frequencies [rad s-1], none below `_LOWEST` of the peak, where S is 0."""
+        """Return checked frequencies [rad s-1], raised to `_LOWEST` of the peak, where S is 0."""
         return np.maximum(finite_array("omega", omega, 0.0), _LOWEST * self.lowest_peak)
 
 
@@ -164,7 +152,7 @@ class Jonswap(Spectrum, frozen=True):
 
     @cached_property
     def energy_scale(self) -> float:
-        """Factor alpha in use: as set, of the wave height, or of the fetch law."""
+        """Factor alpha: as set, or by the wave height, or by the fetch law."""
         if self.alpha is not None:
             return self.alpha
         if self.hs is None:
@@ -392,7 +380,7 @@ def _peak_integral(tail: float, *enhancement: float) -> float:
 
 
 @check_call
-def kitaigorodskii(omega: ArrayLike, depth: float) -> Floats:
+def kitaigorodskii(omega: ArrayLike, depth: Depth) -> Floats:
     """Return the fraction of a deep-water spectrum that remains in finite depth.
 
     phi = tanh^2(k d) / (1 + 2 k d / sinh(2 k d)), omega^2 = g k tanh(k d)
@@ -424,7 +412,7 @@ def kitaigorodskii(omega: ArrayLike, depth: float) -> Floats:
     >>> kitaigorodskii([0.1, 1.0, 10.0], depth=10.0).round(4)
     array([0.0051, 0.4913, 1.    ])
     """
-    kd = wavenumber(omega, depth) * DEPTH.check(depth)
+    kd = wavenumber(omega, depth) * depth
     # x = kd: avoid 0 / 0 at 0, where 2 x / sinh(2 x) is 1, and the overflow of sinh(2 x) beyond
     # x = 355; from x = 22 on the quotient is lost in the rounding of 1
     kd = np.clip(kd, 1e-12, 300.0)
@@ -432,7 +420,7 @@ def kitaigorodskii(omega: ArrayLike, depth: float) -> Floats:
 
 
 @check_call
-def elfouhaily_delta(k: ArrayLike, wind_speed: float, omega_p: float) -> Floats:
+def elfouhaily_delta(k: ArrayLike, wind_speed: WindSpeed, omega_p: Positive) -> Floats:
     """Return the up-wind over cross-wind contrast Delta(k) of the Elfouhaily spreading.
 
     Delta = tanh(ln(2) / 4 + 4 (c / c_p)^2.5 + 0.13 (u* / c_m) (c_m / c)^2.5)
@@ -460,7 +448,6 @@ def elfouhaily_delta(k: ArrayLike, wind_speed: float, omega_p: float) -> Floats:
     ----------
     Elfouhaily, Chapron, Katsaros and Vandemark (1997), doi:10.1029/97JC00467.
     """
-    Range("omega_p", 0.0, unit="rad/s").check(omega_p)
     k_p = wavenumber(omega_p, capillary=True)
     c = phase_speed(k, capillary=True)
     c_p, c_m = phase_speed([float(k_p), CAPILLARY_WAVENUMBER], capillary=True)
@@ -480,7 +467,7 @@ def _phillips_tail(omega: Floats, omega_p: float, alpha: float) -> Floats:
 
 def _friction_velocity(wind_speed: float) -> float:
     """Return u* = U sqrt(1e-3 (0.8 + 0.065 U)) [m s-1] (Wu 1982)."""
-    return wind_speed * math.sqrt(1e-3 * (0.8 + 0.065 * WIND_SPEED.check(wind_speed)))
+    return wind_speed * math.sqrt(1e-3 * (0.8 + 0.065 * wind_speed))
 
 
 LONGEST_SWELL = 25.0
@@ -527,7 +514,7 @@ class OchiHubble(Spectrum, frozen=True):
 
     @property
     def omega_p(self) -> float:
-        """Frequency 2 pi / tp of the part at whose peak the whole spectrum is higher [rad s-1]."""
+        """Peak frequency of the part at whose peak the whole spectrum is higher [rad s-1]."""
         # of the sum, since the parts overlap
         peaks = 2.0 * math.pi / np.array(self.tp)
         return float(peaks[np.argmax(sum(self._parts(peaks)))])
@@ -553,14 +540,6 @@ class OchiHubble(Spectrum, frozen=True):
             exponent = lam * np.log(ratio) - gammaln(lam) - ratio
             parts.append(0.25 * hs**2 * np.exp(exponent) / omega)
         return parts
-
-
-class _Peak(NamedTuple):
-    """Significant wave height [m], period [s] and enhancement of a peak."""
-
-    hs: float
-    tp: float
-    gamma: float
 
 
 class Torsethaugen(Spectrum, frozen=True):
@@ -625,21 +604,20 @@ class Torsethaugen(Spectrum, frozen=True):
         """Return S(omega) [m2 s rad-1]."""
         omega = self._raised(omega)
         density = np.zeros_like(omega)
-        for peak in self.peaks:
+        for hs, tp, gamma in self.peaks:
             # below a tenth of the peak the density has underflowed, and f^-4 would overflow
-            f = np.maximum(omega * peak.tp / (2.0 * math.pi), 0.1)
-            total = _peak_integral(4.0, peak.gamma)
-            scale = peak.hs**2 / 16.0 * peak.tp / (2.0 * math.pi * total)
-            density = density + scale * _peak_shape(f, 4.0, peak.gamma)
+            f = np.maximum(omega * tp / (2.0 * math.pi), 0.1)
+            scale = hs**2 / 16.0 * tp / (2.0 * math.pi * _peak_integral(4.0, gamma))
+            density = density + scale * _peak_shape(f, 4.0, gamma)
         return density
 
     @property
     def lowest_peak(self) -> float:
         """Frequency of the peak of the longer period [rad s-1]."""
-        return 2.0 * math.pi / max(peak.tp for peak in self.peaks)
+        return 2.0 * math.pi / max(tp for _, tp, _ in self.peaks)
 
     @cached_property
-    def peaks(self) -> tuple[_Peak, _Peak]:
+    def peaks(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Height [m], period [s] and enhancement of the peak at `tp` and of the other one."""
         hs, tp = self.hs, self.tp
         # T_f, e and r of the notes are `separation`, `e` and `share`, the latter of the height
@@ -659,4 +637,4 @@ class Torsethaugen(Spectrum, frozen=True):
         # heights add in squares
         rest = math.sqrt(max(0.0, 1.0 - share**2)) * hs
         # a vanished part keeps a period, so that its density is zero and not undefined
-        return _Peak(share * hs, tp, max(1.0, gamma)), _Peak(rest, max(second, 1e-3), 1.0)
+        return (share * hs, tp, max(1.0, gamma)), (rest, max(second, 1e-3), 1.0)

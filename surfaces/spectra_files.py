@@ -1,4 +1,4 @@
-"""Directional spectra in files of all formats.
+"""Directional spectra from files.
 
 Whatever a file holds becomes a density [m2 Hz-1 deg-1] over frequency [Hz] and the nautical
 direction [deg] that the waves come from, or is refused.
@@ -16,14 +16,14 @@ from glob import glob
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from meshtrace.cells import cells_of
 from meshtrace.errors import Described, Refused, did_you_mean, extra, refusing, warn_of_input
 from meshtrace.netcdf import check_file, check_zarr, convention_of, opened, require_size
-from meshtrace.tables import Column, heading_of, headings_in, tells
+from meshtrace.tables import Column, has_other_unit, heading_of, headings_in
 from meshtrace.units import convert, is_same, unit_of
 
 from .records import one_record
@@ -36,24 +36,14 @@ _MOST_BINS = 2**20  # of one record: a sea of more waves does not fit into memor
 _MOST_TEXT = 2**28  # [B] of an uncompressed file of text
 
 
-class _Format(NamedTuple):
-    """Units and conventions that a reader of wavespectra assumes in the netCDF files of a model."""
-
-    units: dict[str, str]
-    direction: str = ""
-    convention: str = "from"
-
-
-_FORMATS = {
-    "ww3": _Format(
-        {"efth": "m2 s rad-1", "frequency": "Hz", "direction": "deg"}, "direction", "to"
-    ),
-    "ncswan": _Format(
-        {"density": "m2 s rad-1", "frequency": "Hz", "direction": "rad"}, "direction"
-    ),
-    "wwm": _Format({}),  # its units are remarks
-    "era5": _Format({"d2fd": "m2 s rad-1"}),
+_UNITS: dict[str, dict[str, str]] = {
+    "ww3": {"efth": "m2 s rad-1", "frequency": "Hz", "direction": "deg"},
+    "ncswan": {"density": "m2 s rad-1", "frequency": "Hz", "direction": "rad"},
+    "wwm": {},  # its units are remarks
+    "era5": {"d2fd": "m2 s rad-1"},
 }
+"""Units that a reader of wavespectra assumes in the netCDF files of a wave model."""
+
 _NDBC = {
     "spectral_wave_density": "efth", "waveEnergyDensity": "efth", "frequency": "freq",
     "waveFrequency": "freq", "waveTime": "time", "mean_wave_dir": "alpha1",
@@ -91,10 +81,10 @@ def _opened(source: Any, reader: str | None) -> Iterator[xarray.Dataset]:
     package = None if reader is None else _package(reader)
     if reader is None and str(source).lower().endswith((".csv", ".txt")):
         yield text_table(source)
-    elif reader is None or reader in (*_FORMATS, *_OWN, "ndbc"):
+    elif reader is None or reader in (*_UNITS, *_OWN, "ndbc"):
         with ExitStack() as files, refusing("source", "a directional spectrum"):
             dataset = _raw(source, files)
-            if reader in _FORMATS:
+            if reader in _UNITS:
                 dataset = _formatted(dataset, str(reader))
             elif reader == "ndbc":
                 dataset = dataset.rename({k: v for k, v in _NDBC.items() if k in dataset})
@@ -149,12 +139,11 @@ def _formatted(dataset: xarray.Dataset, reader: str) -> xarray.Dataset:
 
     Its readers take the units of a format for granted: files of other units are converted first.
     """
-    form = _FORMATS[reader]
     lazy = dataset.chunk()  # else all times would be read and computed
-    convention = form.convention
-    if form.direction in dataset.variables:
-        convention = convention_of(dataset[form.direction], dataset.attrs) or convention
-    for name, unit in form.units.items():
+    convention = assumed = "to" if reader == "ww3" else "from"
+    if "direction" in _UNITS[reader] and "direction" in dataset.variables:
+        convention = convention_of(dataset["direction"], dataset.attrs) or assumed
+    for name, unit in _UNITS[reader].items():
         stated = unit_of(lazy[name]) if name in lazy.variables else ""
         factor = float(convert(1.0, stated, unit, name)) if stated else 1.0
         if factor != 1.0:
@@ -175,15 +164,15 @@ def _formatted(dataset: xarray.Dataset, reader: str) -> xarray.Dataset:
         )
         converted["efth"] = converted["efth"].where(~absent.drop_vars(list(absent.coords)))
     converted = _without_attributes(converted)
-    if convention != form.convention and "dir" in converted.variables:
+    if convention != assumed and "dir" in converted.variables:
         # undo the turn of the reader, which took the convention of its format for granted
-        bearing = converted["dir"].values - (180.0 if form.convention == "to" else 0.0)
+        bearing = converted["dir"].values - (180.0 if assumed == "to" else 0.0)
         converted["dir"] = ("dir", coming_from(bearing, convention))
     return converted
 
 
 def _without_attributes(dataset: xarray.Dataset) -> xarray.Dataset:
-    """Return a dataset that a reader of wavespectra converted, whose old attributes are wrong."""
+    """Return a copy of a converted dataset without the attributes of the file, now wrong."""
     dataset = dataset.copy()
     dataset.attrs = {}
     for name in ("efth", "freq", "dir"):
@@ -292,7 +281,8 @@ def text_table(path: str | PathLike[str]) -> xarray.Dataset:
     if heading.unit is None and heading.name and not heading.name.startswith("f"):
         raise Refused(str(path), Described(header[first - 1]), allowed)
     for remark in cells.remarks:
-        if tells(remark, (_FREQUENCY, Column("dir", "deg"), Column("efth", "m2 Hz-1 deg-1"))):
+        columns = _FREQUENCY, Column("dir", "deg"), Column("efth", "m2 Hz-1 deg-1")
+        if has_other_unit(remark, columns):
             raise Refused(str(path), Described(f"# {remark}"), "density [m2 Hz-1 deg-1], f [Hz]")
     freq, *densities = (cells.finite(i) for i in range(first - 1, len(cells.columns)))
     coords = {"freq": freq, "dir": directions}

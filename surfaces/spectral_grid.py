@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,16 +30,12 @@ _DIRECTIONS = 36  # of buoys that measure two Fourier coefficients
 _ANGLE = re.compile(r"(rad|deg|°)\w*\s*[\^*{(]*\s*-?(\d?)", re.IGNORECASE)
 
 
-class GriddedSpectrum(NamedTuple):
-    """Density [m2 Hz-1 deg-1] over frequency [Hz] and the direction [deg] waves come from."""
-
-    frequency: Floats
-    direction: Floats
-    density: Floats
+GriddedSpectrum = tuple[Floats, Floats, Floats]
+"""Frequencies [Hz], directions that waves come from [deg], and densities [m2 Hz-1 deg-1]."""
 
 
 def on_grid(data: xarray.Dataset) -> GriddedSpectrum:
-    """Return frequency, direction and density of one record in the units of `GriddedSpectrum`."""
+    """Return the spectrum of one record in common units and conventions."""
     efth = data["efth"]
     is_fourier = all(name in data.variables for name in FOURIER)
     axes = ("freq",) if is_fourier else ("freq", "dir")
@@ -74,7 +70,7 @@ def on_grid(data: xarray.Dataset) -> GriddedSpectrum:
 
 
 def _frequencies(variable: xarray.DataArray, density_unit: str) -> Floats:
-    """Return frequencies [Hz]; over angular ones the unit of densities names the frequency."""
+    """Return frequencies [Hz]; refuse angular ones if the density may be over either kind."""
     unit, freq = unit_of(variable), valid_values(variable)
     if not unit:
         return freq
@@ -175,7 +171,7 @@ def _checked(freq: Floats, direction: Floats, density: Floats) -> GriddedSpectru
         raise Refused("efth", Described("zero everywhere"), "a record with waves")
     if float(density.min()) < -_ROUNDED * most:
         raise Refused("efth", Described("negative"), "finite variance densities >= 0")
-    return GriddedSpectrum(freq, direction, np.maximum(density, 0.0))
+    return freq, direction, np.maximum(density, 0.0)
 
 
 def _from_fourier(

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from meshtrace.models import Family
 
-from .parameters import WIND_SPEED, Floats, Positive, Range, finite_array
+from .parameters import Floats, Positive, WindSpeed, finite_array
 from .spectra import elfouhaily_delta
 from .waves import GRAVITY, wavenumber
 
@@ -129,11 +129,10 @@ class MitsuyasuSpreading(Spreading, frozen=True):
         return _cos_2s(theta, self.exponent(omega, omega_p, wind_speed))
 
     @staticmethod
-    def exponent(omega: ArrayLike, omega_p: float, wind_speed: float) -> Floats:
+    def exponent(omega: ArrayLike, omega_p: Positive, wind_speed: WindSpeed) -> Floats:
         """Return s, shape of `omega`; arguments as for `density`."""
-        Range("omega_p", 0.0, unit="rad/s").check(omega_p)
         ratio = finite_array("omega", omega, 0.0) / omega_p
-        s_p = 11.5 * (omega_p * WIND_SPEED.check(wind_speed) / GRAVITY) ** -2.5
+        s_p = 11.5 * (omega_p * wind_speed / GRAVITY) ** -2.5
         return s_p * np.minimum(ratio, 1.0) ** 5.0 * np.maximum(ratio, 1.0) ** -2.5
 
 

@@ -15,9 +15,10 @@ from pydantic import Field
 from meshtrace.checks import check_call
 from meshtrace.errors import Refused, require_between
 from meshtrace.mesh import TriangleMesh
+from meshtrace.models import NonNegative
 from meshtrace.quadrature import gauss_legendre
 
-from .parameters import WIND_SPEED, Floats, Mss, Range, Variances
+from .parameters import Floats, Mss, Positive, Variances, WindSpeed
 from .spectra import Elfouhaily, Spectrum, elfouhaily_delta
 from .spreadings import Spreading
 from .waves import GRAVITY, WaveComponents, angular_frequency, wavenumber
@@ -58,9 +59,9 @@ class SlopeSpectrum(NamedTuple):
         cls,
         spectrum: Spectrum,
         spreading: Spreading,
-        omega_max: float | None = None,
-        depth: float | None = None,
-        capillary: bool = True,
+        omega_max: float | None,
+        depth: float | None,
+        capillary: bool,
     ) -> SlopeSpectrum:
         """Return the slopes of waves up to a frequency, or of all waves down to 1.3 mm."""
         # A hundredth of the peak's wavenumber is a tenth of its frequency (omega^2 = g k), where a
@@ -199,7 +200,7 @@ class SlopeSpectrum(NamedTuple):
 
 
 def _product(few: Floats, many: Floats) -> Floats:
-    """Return few @ many.T for arrays of few and of many rows.
+    """Return few @ many.T, for one array with few rows and one with many.
 
     Below 16 rows (tuned) without BLAS, as starting its threads takes longer than the product.
     """
@@ -260,7 +261,7 @@ _NODES = 8
 def spectral_moment(
     spectrum: Spectrum,
     order: Annotated[float, Field(ge=-10.0, le=10.0)],
-    omega_min: float = 0.0,
+    omega_min: NonNegative = 0.0,
     omega_max: float | None = None,
 ) -> float:
     """Return the moment of a frequency spectrum.
@@ -301,7 +302,7 @@ def spectral_moment(
 
 
 @check_call
-def hs(spectrum: Spectrum, omega_min: float = 0.0, omega_max: float | None = None) -> float:
+def hs(spectrum: Spectrum, omega_min: NonNegative = 0.0, omega_max: float | None = None) -> float:
     """Return the significant wave height Hs = 4 sqrt(m_0) [m] of a spectrum, or within a band.
 
     Examples
@@ -331,7 +332,7 @@ def tp(spectrum: Spectrum) -> float:
 def mean_square_slope(
     spectrum: Spectrum,
     omega_max: float,
-    omega_min: float = 0.0,
+    omega_min: NonNegative = 0.0,
     depth: float | None = None,
     capillary: bool = False,
 ) -> float:
@@ -447,7 +448,7 @@ def sampled_slope_variance(mesh: TriangleMesh, wind_direction_deg: float = 0.0) 
 
 
 @check_call
-def cox_munk(wind_speed: float) -> Variances:
+def cox_munk(wind_speed: WindSpeed) -> Variances:
     """Return the slope variances along and across the wind of a clean sea.
 
     sigma_along^2 = 3.16e-3 U, sigma_across^2 = 0.003 + 1.92e-3 U
@@ -482,7 +483,6 @@ def cox_munk(wind_speed: float) -> Variances:
     >>> cox_munk(10.0)
     (0.0316, 0.0222)
     """
-    WIND_SPEED.check(wind_speed)
     return 3.16e-3 * wind_speed, 0.003 + 1.92e-3 * wind_speed
 
 
@@ -514,12 +514,7 @@ def unresolved_slope_variance(target: Variances, resolved: Variances) -> Varianc
     >>> [round(v, 4) for v in unresolved_slope_variance(cox_munk(5.0), resolved)]
     [0.011, 0.011]
     """
-    of_sea, of_surface = Range("target", 0.0, closed=True), Range("resolved", 0.0, closed=True)
-    along, across = (
-        max(0.0, of_sea.check(real) - of_surface.check(meshed))
-        for real, meshed in zip(target, resolved, strict=True)
-    )
-    return along, across
+    return max(0.0, target[0] - resolved[0]), max(0.0, target[1] - resolved[1])
 
 
 @check_call
@@ -584,7 +579,7 @@ def real_slope_variance(
 
 @check_call
 def meshed_slope_variance(
-    waves: WaveComponents, spacing: float, wind_direction_deg: float = 0.0
+    waves: WaveComponents, spacing: Positive, wind_direction_deg: float = 0.0
 ) -> tuple[Variances, Variances]:
     """Return the slope variances of a wave sum on a triangle mesh.
 
@@ -624,8 +619,7 @@ def meshed_slope_variance(
     >>> round(sum(vertex), 5), round(sum(facet), 5), round(sum(components_slope_variance(waves)), 5)
     (0.00615, 0.00629, 0.00638)
     """
-    h = Range("spacing", 0.0, unit="m").check(spacing)
-    power = 0.5 * waves.amplitude**2
+    h, power = spacing, 0.5 * waves.amplitude**2
     # The mean square of a function that is linear on a facet is ((sum c)^2 + sum c^2) / 12 over its
     # values c at the corners; of a wave the mean of c_i c_j over all places is cos(k.d) / 2 for
     # corners a vector d apart: h along x, h along y, and a diagonal.
@@ -655,9 +649,8 @@ def _quadrature(
     if omega_max is None and order >= 3:
         raise Refused("omega_max", None, f"a finite limit [rad/s] for order {order:g}")
     peak = spectrum.omega_p
-    Range("omega_min", 0.0, unit="rad/s", closed=True).check(omega_min)
     top = _HIGHEST * peak if omega_max is None else omega_max
-    Range("omega_max", omega_min, unit="rad/s").check(top)
+    require_between(top, omega_min, math.inf, "omega_max")
     # Every spectrum has underflowed to zero below a twentieth of its lowest peak; an upper limit
     # that is lower still leaves a panel.
     low = max(omega_min, min(_LOWEST * spectrum.lowest_peak, 0.5 * top))
@@ -676,7 +669,6 @@ def _quadrature(
 
 def _mean_squares(weight: Floats, x: Floats, y: Floats, wind_direction_deg: float) -> Variances:
     """Return the weighted sums of squares of the components of (x, y) along and across the wind."""
-    Range("wind_direction_deg", unit="deg").check(wind_direction_deg)
     wind = math.radians(wind_direction_deg)
     cos, sin = math.cos(wind), math.sin(wind)
     along, across = cos * x + sin * y, cos * y - sin * x

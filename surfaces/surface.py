@@ -1,4 +1,4 @@
-"""Sea surfaces: the base class with its mesh, planes, and sums of plane waves, linear or not."""
+"""Sea surfaces: the base class, planes, and sums of plane waves, linear or choppy."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from meshtrace.models import Family
 from meshtrace.parallel import announce
 
 from .nonlinear import ChoppyWaves, Sheet, with_straight_rim
-from .parameters import TIME, Depth, Finite, Floats, Positive, grid_lines, points
+from .parameters import Depth, Finite, Floats, Positive, grid_lines, points
 from .triangulate import GridLines, height_field, mesh_of_sheet
 from .waves import (
     WaveComponents,
@@ -232,7 +232,6 @@ class _Plane(Surface, frozen=True):
 
     def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> Floats:
         """Return z [m]; see `Surface.elevation`."""
-        TIME.check(time)
         slope_x, slope_y = self.gradient
         x, y = points(x, y)
         return np.asarray(self.height + slope_x * x + slope_y * y)
@@ -350,19 +349,19 @@ class WaveSurface(Surface, frozen=True):
 
     def _at(self, x: ArrayLike, y: ArrayLike, time: float) -> Sheet:
         """Return the choppy sheet at fixed points."""
-        return self._sheet.at(*points(x, y), TIME.check(time))
+        return self._sheet.at(*points(x, y), time)
 
     def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> Floats:
         """Return z [m]; see `Surface.elevation`."""
         if self.choppy:
             return self._at(x, y, time).z
-        return sum_waves(self.components, 0, x, y, TIME.check(time))[0]
+        return sum_waves(self.components, 0, x, y, time)[0]
 
     def slopes(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> tuple[Floats, Floats]:
         """Return dz/dx and dz/dy; see `Surface.slopes`."""
         if self.choppy:
             return self._at(x, y, time).slopes
-        zx, zy = sum_waves(self.components, 1, x, y, TIME.check(time))
+        zx, zy = sum_waves(self.components, 1, x, y, time)
         return zx, zy
 
     def second_derivatives(
@@ -370,8 +369,8 @@ class WaveSurface(Surface, frozen=True):
     ) -> tuple[Floats, Floats, Floats]:
         """Return the second derivatives zxx, zxy, zyy [m-1]; arguments as for `elevation`."""
         if self.choppy:
-            return self._sheet.second_derivatives(*points(x, y), TIME.check(time))
-        zxx, zxy, zyy = sum_waves(self.components, 2, x, y, TIME.check(time))
+            return self._sheet.second_derivatives(*points(x, y), time)
+        zxx, zxy, zyy = sum_waves(self.components, 2, x, y, time)
         return zxx, zxy, zyy
 
     def grid(
@@ -382,7 +381,7 @@ class WaveSurface(Surface, frozen=True):
             # fixed points have labels that lie on no tensor grid: the sums are taken point by point
             at = self._at(*np.meshgrid(*grid_lines(x_axis, y_axis), indexing="ij"), time)
             return at.z, *at.slopes
-        weights = elevation_and_slopes(self.components, TIME.check(time))
+        weights = elevation_and_slopes(self.components, time)
         z, zx, zy = self._grid(*grid_lines(x_axis, y_axis)).sum(weights)
         return z, zx, zy
 
@@ -394,7 +393,7 @@ class WaveSurface(Surface, frozen=True):
             return super().sheet(x_axis, y_axis, time)
         x_axis, y_axis = grid_lines(x_axis, y_axis)
         grid = self._grid(x_axis, y_axis)
-        sheet = self._sheet.on_grid(grid, x_axis, y_axis, TIME.check(time))
+        sheet = self._sheet.on_grid(grid, x_axis, y_axis, time)
         return np.stack([sheet.x, sheet.y, sheet.z], axis=-1), sheet.normals
 
     def _require_modest(self, x_axis: Floats, y_axis: Floats) -> None:
@@ -414,7 +413,7 @@ class WaveSurface(Surface, frozen=True):
 
 
 def _require_upward(points: Floats, spacing: float) -> None:
-    """Refuse a single sheet with facets too large to face up."""
+    """Refuse a choppy sheet whose facets are so large that some face down."""
     x, y = points[..., 0], points[..., 1]
     ax, ay, bx, by = np.diff(x, axis=0), np.diff(y, axis=0), np.diff(x), np.diff(y)
     # twice the area of the triangles at each corner of the cells
@@ -468,7 +467,7 @@ class SinusoidalSea(WaveSurface, frozen=True):
 
     @cached_property
     def components(self) -> WaveComponents:
-        """The one wave as arrays of length one."""
+        """The wave, as arrays of length one."""
         k = 2.0 * math.pi / self.wavelength
         omega = angular_frequency(k, self.depth, self.capillary)
         heading = math.radians(self.direction_deg)

@@ -1,4 +1,4 @@
-"""Triangle meshes: of sheets over tensor grids, uniform or graded, and of other programs."""
+"""Triangle meshes of sheets over uniform or graded grids, and from other programs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from meshtrace.checks import Inside, check_call
 from meshtrace.errors import Described, Refused, reason_of, require_array, require_plain
 from meshtrace.mesh import TriangleMesh, UnresolvedSlopes, vertex_normals
 
-from .parameters import Floats, Range
+from .parameters import Floats, Positive, in_range
 
 if TYPE_CHECKING:
     import trimesh
@@ -87,15 +87,15 @@ class GridLines(NamedTuple):
         array([-2.  , -1.45, -0.95, -0.5 ,  0.  ,  0.5 ,  0.95,  1.45,  2.  ])
         """
         extent, spacing, fine_extent, coarse_spacing = self
-        for name, value, low in (("center", center, -math.inf), ("extent", extent, 0.0)):
-            Range(name, low, unit="m").check(value)
-        Range("spacing", 0.0, unit="m").check(spacing)
+        in_range("center", -math.inf, unit="m")(center)
+        in_range("extent", 0.0, unit="m")(extent)
+        in_range("spacing", 0.0, unit="m")(spacing)
         if fine_extent is None and coarse_spacing is not None:
             raise Refused("coarse_spacing", coarse_spacing, "only with fine_extent")
         if fine_extent is not None:
-            Range("fine_extent", 0.0, unit="m").check(fine_extent)
+            in_range("fine_extent", 0.0, unit="m")(fine_extent)
             coarse = DEFAULT_COARSENING * spacing if coarse_spacing is None else coarse_spacing
-            Range("coarse_spacing", spacing, unit="m", closed=True).check(coarse)
+            in_range("coarse_spacing", spacing, unit="m", closed=True)(coarse)
             if fine_extent < extent:
                 half = _graded(fine_extent, extent, spacing, coarse)
                 return center + np.concatenate([-half[:0:-1], half])
@@ -251,7 +251,7 @@ _SMALLEST_AREA = 1e-12  # twice the area of a facet over its longest edge square
 @check_call
 def from_trimesh(
     source: Annotated[trimesh.Trimesh | str | PathLike[str] | tuple[ArrayLike, ...], Inside()],
-    extent: float | None = None,
+    extent: Positive | None = None,
     *,
     overhangs: bool = False,
     normals: Literal["area", "angle"] = "area",
@@ -310,13 +310,13 @@ def from_trimesh(
     outline = _outline(len(vertices), faces, _area_vectors(vertices, faces), overhangs)
     _refuse_folds(vertices, outline, overhangs)
     if extent is not None:
-        _refuse_uncovered(vertices[outline][..., :2], Range("extent", 0.0, unit="m").check(extent))
+        _refuse_uncovered(vertices[outline][..., :2], extent)
     corner_normals = vertex_normals(vertices, faces, normals)
     return TriangleMesh(vertices, faces.astype(np.int32), corner_normals, overhangs=overhangs)
 
 
 def unfit(reason: str, allowed: str) -> Refused:
-    """Return the refusal of a source of meshes: what it is, and what is allowed."""
+    """Return the refusal of a source of meshes, for the caller to raise."""
     return Refused("source", Described(reason), allowed)
 
 
@@ -401,7 +401,7 @@ def _area_vectors(vertices: Floats, faces: NDArray[np.int64]) -> Floats:
 
 
 def _outline(n: int, faces: NDArray[np.int64], cross: Floats, overhangs: bool) -> NDArray[np.int64]:
-    """Return the directed boundary edges (e, 2); refuse all but one open piece that faces up.
+    """Return the directed boundary edges (e, 2) of one open piece that faces up; refuse others.
 
     `cross` holds the area vectors of the facets, and `n` is the number of vertices.
     """

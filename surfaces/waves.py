@@ -1,4 +1,4 @@
-"""Plane waves: their dispersion, and sums of them, by points and on tensor grids.
+"""Plane waves: dispersion, and their sums at points and on tensor grids.
 
 z = sum_i a_i cos(omega_i t - kx_i x - ky_i y + phase_i)
 
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from meshtrace.checks import check_call
 from meshtrace.errors import Described, Refused
 
-from .parameters import DEPTH, Floats, finite_array, points
+from .parameters import Depth, Floats, finite_array, points
 
 GRAVITY = 9.81
 """Gravity g [m s-2]."""
@@ -38,7 +38,7 @@ _NEWTON_STEPS = 60  # at most, so that the time is bounded; far fewer are needed
 
 
 @check_call
-def angular_frequency(k: ArrayLike, depth: float | None = None, capillary: bool = False) -> Floats:
+def angular_frequency(k: ArrayLike, depth: Depth | None = None, capillary: bool = False) -> Floats:
     """Return the angular frequency of a wave.
 
     omega = sqrt((g k + T k^3) tanh(k depth))
@@ -71,12 +71,12 @@ def angular_frequency(k: ArrayLike, depth: float | None = None, capillary: bool 
     >>> round(float(angular_frequency(0.3907)), 4)
     1.9577
     """
-    squared, _ = _squared_frequency(finite_array("k", k, 0.0), _checked(depth), capillary)
+    squared, _ = _squared_frequency(finite_array("k", k, 0.0), depth, capillary)
     return np.sqrt(squared)
 
 
 @check_call
-def wavenumber(omega: ArrayLike, depth: float | None = None, capillary: bool = False) -> Floats:
+def wavenumber(omega: ArrayLike, depth: Depth | None = None, capillary: bool = False) -> Floats:
     """Return the wavenumber of a wave, the inverse of `angular_frequency`.
 
     Parameters
@@ -108,7 +108,6 @@ def wavenumber(omega: ArrayLike, depth: float | None = None, capillary: bool = F
     0.233726
     """
     omega = finite_array("omega", omega, 0.0)
-    depth = _checked(depth)
     deep_water = omega**2 / GRAVITY  # wavenumber by gravity alone
     if depth is None and not capillary:
         return deep_water
@@ -137,7 +136,7 @@ def wavenumber_in_current(
     omega: ArrayLike,
     theta: ArrayLike,
     current: tuple[float, float] | None = None,
-    depth: float | None = None,
+    depth: Depth | None = None,
     capillary: bool = False,
 ) -> Floats:
     """Return the wavenumber of a wave in a uniform current.
@@ -205,7 +204,7 @@ def wavenumber_in_current(
 
 
 @check_call
-def phase_speed(k: ArrayLike, depth: float | None = None, capillary: bool = False) -> Floats:
+def phase_speed(k: ArrayLike, depth: Depth | None = None, capillary: bool = False) -> Floats:
     """Return the phase speed c = omega / k [m s-1] of waves of wavenumber `k` > 0 [rad m-1].
 
     Examples
@@ -218,7 +217,7 @@ def phase_speed(k: ArrayLike, depth: float | None = None, capillary: bool = Fals
 
 
 @check_call
-def group_speed(k: ArrayLike, depth: float | None = None, capillary: bool = False) -> Floats:
+def group_speed(k: ArrayLike, depth: Depth | None = None, capillary: bool = False) -> Floats:
     """Return the group speed c_g = d omega / d k [m s-1] of waves of wavenumber `k` > 0 [rad m-1].
 
     Examples
@@ -227,12 +226,8 @@ def group_speed(k: ArrayLike, depth: float | None = None, capillary: bool = Fals
     0.5
     """
     k = finite_array("k", k, np.finfo(float).tiny)
-    squared, slope = _squared_frequency(k, _checked(depth), capillary)
+    squared, slope = _squared_frequency(k, depth, capillary)
     return slope / (2.0 * np.sqrt(squared))
-
-
-def _checked(depth: float | None) -> float | None:
-    return None if depth is None else DEPTH.check(depth)
 
 
 def _squared_frequency(k: Floats, depth: float | None, capillary: bool) -> tuple[Floats, Floats]:
@@ -307,7 +302,7 @@ def flat_components(
     phase: Floats | float,
     current: tuple[float, float] | None = None,
 ) -> WaveComponents:
-    """Return the waves of a table over frequency and direction as flat arrays.
+    """Flatten a table of waves over frequency and direction.
 
     Parameters
     ----------

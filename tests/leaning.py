@@ -92,7 +92,7 @@ class LeaningWave(Surface, frozen=True):
 
     def elevation(self, x: ArrayLike, y: ArrayLike, time: float = 0.0) -> parameters.Floats:
         """Return z [m]; see `Surface.elevation`. Refused for overhanging crests."""
-        parameters.TIME.check(time)
+        parameters.finite_array("time", time)
         x, y = parameters.points(x, y)
         return self.profile(self._labels(x))[1]
 
@@ -100,7 +100,7 @@ class LeaningWave(Surface, frozen=True):
         self, x: ArrayLike, y: ArrayLike, time: float = 0.0
     ) -> tuple[parameters.Floats, parameters.Floats]:
         """Return dz/dx and dz/dy = 0; see `elevation`."""
-        parameters.TIME.check(time)
+        parameters.finite_array("time", time)
         x, y = parameters.points(x, y)
         dx, dz = self._tangent(self._labels(x))
         return dz / dx, np.zeros(x.shape)
@@ -123,7 +123,7 @@ class LeaningWave(Surface, frozen=True):
         self, x_axis: ArrayLike, y_axis: ArrayLike, time: float = 0.0
     ) -> tuple[parameters.Floats, parameters.Floats]:
         """Return points and normals over a tensor grid of labels s and y; see `Surface.sheet`."""
-        parameters.TIME.check(time)
+        parameters.finite_array("time", time)
         s, y = parameters.grid_lines(x_axis, y_axis)
         (x, z), (dx, dz) = self.profile(s), self._tangent(s)
         length = np.hypot(dx, dz)

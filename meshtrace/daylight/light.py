@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from meshtrace.checks import Shape, check_call
-from meshtrace.errors import MISSING, Described, Refused, extra, require_between, require_word
+from meshtrace.errors import MISSING, Described, Refused, extra, require_word
 from meshtrace.kernels.sources import Sky
 from meshtrace.kernels.sources import land_sunlight as land_sunlight
 from meshtrace.models import Finite, Floats, Model, NonNegative
@@ -156,7 +156,11 @@ def default_irradiance(zenith_deg: float, wavelength_nm: float) -> Irradiance:
 
 
 @check_call
-def sun_position(time: Any, latitude: float, longitude: float) -> SunPosition:
+def sun_position(
+    time: Any,
+    latitude: Annotated[float, Field(ge=-90.0, le=90.0)],
+    longitude: Annotated[float, Field(ge=-180.0, le=180.0)],
+) -> SunPosition:
     """Return the position of the sun.
 
     Parameters
@@ -176,8 +180,6 @@ def sun_position(time: Any, latitude: float, longitude: float) -> SunPosition:
     -----
     x points east and y north: the azimuth from north is turned into one from +x.
     """
-    for name, value, most in (("latitude", latitude, 90.0), ("longitude", longitude, 180.0)):
-        require_between(value, -most, most, name, "[]", f"{-most:g} <= {name} <= {most:g} deg")
     pvlib = _pvlib()
     import pandas as pd
 
@@ -337,7 +339,7 @@ class Daylight(Model, frozen=True):
         return sky(self.pattern, self.diffuse, self.sun_zenith_deg, self.sun_azimuth_deg)
 
     def spectrum(self, wavelength_nm: Annotated[Floats, Shape("n")]) -> Floats:
-        """Return the horizontal irradiance at wavelengths (n,) [nm] relative to `wavelength_nm`.
+        """Return the horizontal irradiance at wavelengths (n,) [nm], over that at `wavelength_nm`.
 
         Parameters
         ----------
@@ -381,7 +383,7 @@ class Daylight(Model, frozen=True):
         day_of_year: int = 80,
         **fields: Any,
     ) -> Self:
-        """Return sun and clear sky by the spectral model SPECTRL2 (`clear_irradiance`).
+        """Return the light of sun and clear sky by the model SPECTRL2 (`clear_irradiance`).
 
         Parameters
         ----------
@@ -418,7 +420,7 @@ class Daylight(Model, frozen=True):
         cls, time: Any, latitude: float, longitude: float, wavelength_nm: float = 470.0,
         pattern: str = "cie-12", **options: Any,
     ) -> Self:  # fmt: skip
-        """Return sun and clear sky at a time and place.
+        """Return the light of sun and clear sky at a time and place.
 
         Parameters
         ----------
@@ -450,7 +452,7 @@ class Daylight(Model, frozen=True):
         transmittance: Annotated[float, Field(gt=0.0, le=1.0)] = OVERCAST_TRANSMITTANCE,
         **fields: Any,
     ) -> Self:  # fmt: skip
-        """Return a closed cloud cover: "cie-1" sky, a fraction of the clear global irradiance.
+        """Return the light under closed clouds: a "cie-1" sky with a share of the clear irradiance.
 
         Parameters
         ----------
@@ -519,7 +521,7 @@ class Daylight(Model, frozen=True):
 
     @classmethod
     def night(cls, **fields: Any) -> Self:
-        """Return the moonless night: a uniform sky of 2.3e-9 W m-2 sr-1 nm-1.
+        """Return the light of a moonless night: a uniform sky of 2.3e-9 W m-2 sr-1 nm-1.
 
         Notes
         -----

@@ -115,14 +115,14 @@ def hemisphere(sun_zenith_deg: float) -> tuple[Floats, Floats]:
 
 @lru_cache(maxsize=256)
 def _irradiance(pattern: str, sun_zenith_deg: float) -> float:
-    """Return the horizontal irradiance of a pattern before scaling."""
+    """Return the horizontal irradiance of `_bare_sky`."""
     directions, solid = hemisphere(sun_zenith_deg)
     radiance = sky_radiance(_bare_sky(pattern, sun_zenith_deg), directions)
     return float(solid @ (radiance * directions[:, 2]))
 
 
 def _bare_sky(pattern: str, sun_zenith_deg: float) -> Sky:
-    """Return the sky of a pattern before scaling, with the sun at azimuth 0."""
+    """Return the sky of a pattern in relative units, with the sun at azimuth 0."""
     sun = Vec3(*unit_vector(sun_zenith_deg, 0.0))
     if pattern == "harrison-coombes":
         return Sky(sun, 1.0, -1.0, -0.19, 1.63, 53.7, -5.49, 2.04 * sun.z)

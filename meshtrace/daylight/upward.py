@@ -1,4 +1,4 @@
-"""Daylight bent by slopes of the sea, and scattered back once by the water, in closed form."""
+"""Closed forms of sunlight reflected and refracted by slopes, and of light leaving the water."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def slopes_of(normals: Floats) -> Floats:
 
 
 def slopes_to(required: Floats, normals: Floats) -> Floats:
-    """Return the difference between required and actual slopes, shape (..., 2).
+    """Return the slopes to add to those of normals to reach required ones, shape (..., 2).
 
     Normals are of any length; the required slope is 1e6 where its normal does not point upwards.
     """
@@ -56,7 +56,7 @@ def slopes_to(required: Floats, normals: Floats) -> Floats:
 
 
 class Reflection(NamedTuple):
-    """Reflection of the sun into the air, for several indices of the water at the same points.
+    """Reflection of sunlight into the air, for several refractive indices at the same points.
 
     `view` is the unit vector from the sea to the receiver, here upwards.
     """
@@ -81,7 +81,7 @@ class Reflection(NamedTuple):
 
 
 class Refraction(NamedTuple):
-    """Refraction of the sun into the water.
+    """Refraction of sunlight into the water.
 
     `view` is the unit vector from the sea to the receiver, here downwards.
     """
@@ -155,7 +155,7 @@ def connected_glint(
 def by_slopes(
     law: Bending, view: Floats, normal: Directions, facet_normal: Directions, roughness: Roughness
 ) -> Floats:
-    """Return the radiance of sunlight bent into directions by unresolved slopes, per irradiance.
+    """Return the radiance of sunlight off unresolved slopes, over the irradiance of the sun.
 
     In sr-1, as `connected_glint`; `facet_normal` points to the side of the receiver, into the
     water for `Refraction`.
@@ -296,7 +296,7 @@ class QuasiSingle:
 
 
 def _beams(day: Daylight, n: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Return directions of travel, powers and rings of beams under water, the sun last.
+    """Return directions, powers and rings of the beams of daylight under water, the sun last.
 
     Powers are irradiances across the beams under water: those of the sky for a horizontal
     irradiance of 1 in the air, that of the sun for an irradiance of 1 across its light.
@@ -340,7 +340,7 @@ def _scatterers(water: Water, bubbles: BubblePopulation | None) -> list[PhaseFun
 
 @lru_cache(maxsize=256)
 def _integrate_depth(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats, Floats]:
-    """Return light scattered by water and light from the bottom at the nodes of m.
+    """Integrate scattering over depth, and return the radiance of the bottom, at the nodes of m.
 
     int b_j exp(-m int k dz) dz [1], shape (scatterers, nodes), and the radiance of the bottom over
     the horizontal irradiance below the surface [sr-1], shape (nodes,), empty without a bottom.

@@ -9,9 +9,10 @@ from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field, field_validator, model_validator
 
-from meshtrace.checks import Positive, Ranged, RangedArray, check_call
+from meshtrace.checks import Infinite, Positive, RangedArray, check_call
 from meshtrace.errors import Refused, is_number, require_between, require_range
 from meshtrace.models import Family, Floats
 from meshtrace.optics.mie import MieTable, cached_table, population_table
@@ -82,7 +83,10 @@ class BubblePopulation(Family, frozen=True, default="hall-novarini"):
         return integrate(self.b, upper, np.minimum(lower, upper + 40.0 * self.e_folding), 128)
 
     def profile(
-        self, dz: Positive, max_depth: Ranged = math.inf, crest: float = 0.0
+        self,
+        dz: Positive,
+        max_depth: Annotated[float, Field(gt=0.0), Infinite()] = math.inf,
+        crest: float = 0.0,
     ) -> tuple[Floats, Floats, Floats]:
         """Return b and its integral on a uniform grid of depths.
 
@@ -127,7 +131,6 @@ class BubblePopulation(Family, frozen=True, default="hall-novarini"):
         """
         highest = HIGHEST if self.depth == "mean_level" else 0.0
         require_between(crest, 0.0, highest, "crest", "[]", f"0 <= crest <= {highest:g} m")
-        require_between(max_depth, 0.0, math.inf, "max_depth", "(]", "max_depth > 0 m")
         most = min(max_depth, LAYER * self.e_folding) + crest
         if most / dz > _MOST_NODES:
             raise Refused("dz", dz, f"at most {_MOST_NODES} nodes over {most:g} m")
@@ -300,7 +303,9 @@ class HallNovarini(BubblePopulation, frozen=True):
         large = (lower**tail - upper**tail) / -tail
         return r_ref ** (power + 1) * (small + large)
 
-    def size_distribution(self, r: RangedArray, depth: RangedArray) -> Floats:
+    def size_distribution(
+        self, r: Annotated[ArrayLike, Field(gt=0.0)], depth: RangedArray
+    ) -> Floats:
         """Return the number of bubbles per volume and radius.
 
         n(r, z) = 1.6e10 G(r, z) (U/13)^3 exp(-z/L)
@@ -323,7 +328,7 @@ class HallNovarini(BubblePopulation, frozen=True):
             If a depth is not allowed or a radius is not positive and finite.
         """
         z = self._checked(depth)
-        radius = require_range(r, 0.0, math.inf, "r", "()", "finite r > 0 m")
+        radius = np.asarray(r)
         ratio = radius / _r_ref(z)
         present = (radius >= self.r_min) & (radius <= self.r_max)
         # `np.where` evaluates both branches: a small ratio to the power -kappa overflows at depth

@@ -1,4 +1,4 @@
-"""Water by constituents: sea water, chlorophyll with its particles, CDOM, minerals."""
+"""Sea water with chlorophyll and its particles, dissolved organic matter and minerals."""
 
 from __future__ import annotations
 
@@ -203,7 +203,7 @@ def _backscatter_ratio(chlorophyll: Floats, wavelength_nm: float) -> Floats:
 
 
 def _mixture(molecules: float, particles: dict[float, float]) -> PhaseFunction:
-    """Return the phase function of water with particles, {backscatter ratio: b [m-1]}."""
+    """Return the phase function of water with particles, given as {backscatter ratio: b [m-1]}."""
     shares = {ratio: b for ratio, b in particles.items() if b > 0.0}
     water = Rayleigh(gamma=(1.0 - pure_water.DEPOLARISATION) / (1.0 + pure_water.DEPOLARISATION))
     if not shares:

@@ -11,7 +11,6 @@ import importlib
 import importlib.resources
 import json
 import logging
-import os
 import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -24,11 +23,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from meshtrace.checks import RangedArray, check_call
-from meshtrace.errors import Described, Refused, refusing, require_range
+from meshtrace.checks import Positive, check_call
+from meshtrace.errors import Described, Refused, refusing
 from meshtrace.files import atomic, cache_directory, make_private
 from meshtrace.models import Floats
 from meshtrace.optics.phase import HistogramPhase
+from meshtrace.parallel import environment
 
 _LOG = logging.getLogger(__name__)
 # Raise when the recipe of `population_table` changes: tables kept on disk are then left behind.
@@ -89,27 +89,20 @@ class MieTable:
 
 @lru_cache(maxsize=1)
 def _miepython() -> ModuleType:
-    """Import miepython with its compiled backend."""
+    """Import miepython with compiled functions, kept in the cache of kernels."""
     from meshtrace.kernels.jit import foreign_kernels
 
     # miepython reads the variable when it is imported
-    before = os.environ.get("MIEPYTHON_USE_JIT")
-    os.environ["MIEPYTHON_USE_JIT"] = "1"
-    try:
-        with foreign_kernels():
-            return importlib.import_module("miepython")
-    finally:
-        del os.environ["MIEPYTHON_USE_JIT"]
-        if before is not None:
-            os.environ["MIEPYTHON_USE_JIT"] = before
+    with environment({"MIEPYTHON_USE_JIT": "1"}), foreign_kernels():
+        return importlib.import_module("miepython")
 
 
-def _size_parameter(x: ArrayLike) -> Floats:
-    return require_range(x, 0.0, np.inf, "x", "()", "finite x > 0")
+Sizes = Annotated[ArrayLike, Field(gt=0.0)]
+"""Size parameters of spheres."""
 
 
 @check_call
-def efficiencies(m: complex, x: RangedArray) -> Efficiencies:
+def efficiencies(m: complex, x: Sizes) -> Efficiencies:
     """Return extinction and scattering efficiency and mean cosine of spheres.
 
     Q_ext = 2/x^2 sum (2n+1) Re(a_n + b_n)
@@ -146,14 +139,14 @@ def efficiencies(m: complex, x: RangedArray) -> Efficiencies:
     >>> round(float(q.q_sca), 6), round(float(q.g), 6)
     (2.232265, 0.896473)
     """
-    sizes = _size_parameter(x)
+    sizes = np.asarray(x)
     q_ext, q_sca, _, g = _miepython().efficiencies_mx(m, sizes.ravel())
     return Efficiencies(*(np.asarray(q).reshape(sizes.shape)[()] for q in (q_ext, q_sca, g)))
 
 
 @check_call
 def phase_intensity(
-    m: complex, x: float, cos_theta: Annotated[ArrayLike, Field(ge=-1.0, le=1.0)]
+    m: complex, x: Positive, cos_theta: Annotated[ArrayLike, Field(ge=-1.0, le=1.0)]
 ) -> Floats:
     """Return the unpolarised scattered intensity of one sphere.
 
@@ -196,9 +189,8 @@ def phase_intensity(
     >>> round(float(2.0 * phase_intensity(0.75, 10.0, node) @ weight / 10.0**2), 6)
     2.232265
     """
-    size = float(_size_parameter(x))
     cosine = np.asarray(cos_theta)
-    intensity = _miepython().i_unpolarized(m, size, cosine.ravel(), norm="wiscombe")
+    intensity = _miepython().i_unpolarized(m, x, cosine.ravel(), norm="wiscombe")
     return np.asarray(intensity).reshape(cosine.shape)[()]
 
 
@@ -263,7 +255,10 @@ def _intensities(m: complex, x: Floats, cosine: Floats) -> Floats:
 
 @check_call
 def population_table(
-    m: complex, x: RangedArray, theta_edges: ArrayLike | None = None, rotations: int = 32
+    m: complex,
+    x: Sizes,
+    theta_edges: ArrayLike | None = None,
+    rotations: Annotated[int, Field(ge=1)] = 32,
 ) -> MieTable:
     """Return the scattering-angle table of a population of spheres.
 
@@ -301,9 +296,7 @@ def population_table(
     in the CDF and 3e-5 in `closure`; it takes some 10 s on two cores.
     """
     # in falling order the spheres that still have terms are the first ones of every block
-    sizes = np.sort(_size_parameter(x).ravel())[::-1]
-    if rotations < 1:
-        raise Refused("rotations", rotations, "rotations >= 1")
+    sizes = np.sort(np.ravel(x))[::-1]
     edges = angular_edges() if theta_edges is None else np.array(theta_edges, dtype=np.float64)
     if edges.ndim != 1 or edges.size < 2 or not (np.diff(edges) > 0.0).all():
         raise Refused("theta_edges", edges, "increasing angles (n,) from 0 to pi")

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from functools import lru_cache
 from importlib import resources
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
 from meshtrace.checks import RangedArray, check_call
-from meshtrace.errors import Described, Refused, require_array, require_range
+from meshtrace.errors import Described, Refused, require_range
 from meshtrace.models import Floats
+
+ScatteringWavelength = Annotated[ArrayLike, Field(ge=350.0, le=800.0)]
+"""Wavelength in vacuum at which water is known to scatter [nm]."""
+
+Temperature = Annotated[ArrayLike, Field(ge=0.0, le=30.0)]
+"""Temperature of the fits [degree Celsius]."""
 
 
 @check_call
@@ -51,7 +58,7 @@ def pure_water_absorption(wavelength_nm: RangedArray) -> Floats:
 
 
 @check_call
-def sea_water_scattering(wavelength_nm: RangedArray) -> Floats:
+def sea_water_scattering(wavelength_nm: ScatteringWavelength) -> Floats:
     r"""Return the scattering coefficient of pure sea water (salinity 35 to 39).
 
     .. math:: b = 16.06 \cdot 4.72 \times 10^{-4} (400 / \lambda)^{4.32}
@@ -86,13 +93,14 @@ def sea_water_scattering(wavelength_nm: RangedArray) -> Floats:
     >>> round(float(sea_water_scattering(470.0)), 6)
     0.003777
     """
-    wavelength = check_range("wavelength_nm", wavelength_nm, 350.0, 800.0, "nm")
-    return 16.06 * 4.72e-4 * (400.0 / wavelength) ** 4.32
+    return 16.06 * 4.72e-4 * (400.0 / np.asarray(wavelength_nm)) ** 4.32
 
 
 @check_call
 def zhang_hu_he(
-    wavelength_nm: RangedArray, temperature_c: RangedArray = 20.0, salinity: RangedArray = 35.0
+    wavelength_nm: ScatteringWavelength,
+    temperature_c: Temperature = 20.0,
+    salinity: Annotated[ArrayLike, Field(ge=0.0, le=40.0)] = 35.0,
 ) -> Floats:
     r"""Return the scattering coefficient of sea water from fluctuations of density and salinity.
 
@@ -138,9 +146,6 @@ def zhang_hu_he(
     0.003309
     """
     w, t, s = _of_one_shape(wavelength_nm, temperature_c, salinity)
-    check_range("wavelength_nm", w, 350.0, 800.0, "nm")
-    check_range("temperature_c", t, 0.0, 30.0, "degrees Celsius")
-    check_range("salinity", s, 0.0, 40.0, "g/kg")
     inverse = 1e6 / w**2  # [um-2]
     # Ciddor (1996): `sea_water_index` is relative to air, Zhang, Hu and He need the index to vacuum
     air = 1.0 + (5792105.0 / (238.0185 - inverse) + 167917.0 / (57.362 - inverse)) * 1e-8
@@ -189,7 +194,9 @@ def _activity_slope(t: Floats, s: Floats) -> Floats:
 
 @check_call
 def quan_fry(
-    wavelength_nm: RangedArray, temperature_c: RangedArray = 20.0, salinity: RangedArray = 35.0
+    wavelength_nm: Annotated[ArrayLike, Field(ge=400.0, le=700.0)],
+    temperature_c: Temperature = 20.0,
+    salinity: Annotated[ArrayLike, Field(ge=0.0, le=35.0)] = 35.0,
 ) -> Floats:
     r"""Return the refractive index of sea water at atmospheric pressure.
 
@@ -225,11 +232,7 @@ def quan_fry(
     >>> round(float(quan_fry(470.0, temperature_c=20.0, salinity=35.0)), 4)
     1.3446
     """
-    w, t, s = _of_one_shape(wavelength_nm, temperature_c, salinity)
-    check_range("wavelength_nm", w, 400.0, 700.0, "nm")
-    check_range("temperature_c", t, 0.0, 30.0, "degrees Celsius")
-    check_range("salinity", s, 0.0, 35.0, "g/kg")
-    return sea_water_index(w, t, s)
+    return sea_water_index(*_of_one_shape(wavelength_nm, temperature_c, salinity))
 
 
 def sea_water_index(w: Floats, t: Floats, s: Floats) -> Floats:
@@ -241,14 +244,12 @@ def sea_water_index(w: Floats, t: Floats, s: Floats) -> Floats:
 
 def _of_one_shape(w: ArrayLike, t: ArrayLike, s: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """Return wavelength, temperature and salinity as arrays of one shape."""
-    arguments = {"wavelength_nm": w, "temperature_c": t, "salinity": s}
-    arrays = [require_array(value, name, "numbers") for name, value in arguments.items()]
     try:
-        wavelength, two, three = np.broadcast_arrays(*arrays)
+        wavelength, temperature, salinity = np.broadcast_arrays(w, t, s)
     except ValueError as error:
-        shapes = Described(f"shapes {[array.shape for array in arrays]}")
+        shapes = Described(f"shapes {[np.shape(values) for values in (w, t, s)]}")
         raise Refused("wavelength_nm", shapes, "shapes that fit") from error
-    return wavelength, two, three
+    return wavelength, temperature, salinity
 
 
 def interpolate(wavelength_nm: RangedArray, nodes: Floats, values: Floats) -> Floats:

@@ -26,6 +26,8 @@ _FIELDS = {"a": ("a", "agp"), "b": ("b", "bp"), "c": ("c", "cgp")}
 """Fields of SeaBASS: the whole coefficient, and that without pure water."""
 
 _DEPTHS = ("depth", "bin_depth")
+_OTHER_DEPTHS = ("water_depth", "bottom_depth", "depth_of_water", "secchi_depth")
+_LIKE_DEPTH = re.compile(r"depth|pressure|^press?$|^z$")  # of values, under another name
 # a coefficient, with its wavelength [nm] if it is appended, as in agp440 or c412.5
 _COEFFICIENT = re.compile(r"(?:a|agp|b|bp|c|cgp)(?:\d+(?:\.\d+)?)?")
 _DELIMITERS = {"": " ", "space": " ", "comma": ",", "tab": "\t", "semicolon": ";"}
@@ -118,7 +120,7 @@ def _read_seabass(file: Path, text: str) -> SpectralTable:
     samples = [(z, w, a.at[z, w], b.at[z, w]) for z in full for w in wavelengths]
     if not samples:
         raise Refused(str(file), Described("missing values"), "a depth with all values")
-    cells.tell()
+    cells.warn()
     return SpectralTable(table=samples)
 
 
@@ -162,7 +164,9 @@ def _require_fields(file: Path, fields: list[str]) -> None:
         raise Refused(str(file), names, "a SeaBASS file of different fields")
     depths = [name for name in fields if name in _DEPTHS]
     # without a field of depth the water would be taken as uniform
-    candidates = depths or [name for name in fields if _is_like_depth(name)]
+    candidates = depths or [
+        name for name in fields if name not in _OTHER_DEPTHS and _LIKE_DEPTH.search(name)
+    ]
     if len(depths) != 1 and candidates:
         allowed = f"one field of the depth, {' or '.join(_DEPTHS)}"
         raise Refused(str(file), Described(", ".join(candidates)), allowed)
@@ -193,12 +197,6 @@ def _unit_of(field: str) -> str:
     return "m-1" if _COEFFICIENT.fullmatch(field) else ""
 
 
-def _is_like_depth(field: str) -> bool:
-    """Return whether a field may be the depth of the values under another name."""
-    other_depths = ("water_depth", "bottom_depth", "depth_of_water", "secchi_depth")
-    return field not in other_depths and bool(re.search(r"depth|pressure|^press?$|^z$", field))
-
-
 def _number(file: Path, header: dict[str, str], key: str) -> float | None:
     """Return the number of a key of the header; None if it has none."""
     if key not in header or header[key].lower() in ("", "na", "nan", "none"):
@@ -222,7 +220,7 @@ def _values(cells: Cells, index: int, name: str, missing: list[float]) -> Floats
 
 
 def _whole(frame: Any, name: str, file: Path) -> Any:
-    """Return a coefficient (depths, wavelengths) including pure water; None if it is absent."""
+    """Return a coefficient (depths, wavelengths) including that of pure water; None if absent."""
     for field, lacks_water in zip(_FIELDS[name], (False, True), strict=True):
         if "wavelength" in frame and field in frame:
             table = frame.pivot_table(index="at", columns="wavelength", values=field)
@@ -283,7 +281,7 @@ def _read_argo(file: Path) -> Constituents:
 
 
 def _good(data: Any, name: str, profile: int) -> Floats:
-    """Return the values of a profile, in the units of `_ARGO`; nan unless of good quality."""
+    """Return the values of a profile in the units of `_ARGO`, nan where of bad quality."""
     # adjusted values are calibrated; raw ones stand in where a profile has none
     for variable in (f"{name}_ADJUSTED", name):
         if variable not in data:

@@ -18,13 +18,15 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from meshtrace.checks import Infinite, check_call, check_methods
-from meshtrace.errors import require_between
 from meshtrace.models import Floats, Model, NonNegative, Positive
 from meshtrace.quadrature import gauss_legendre
 
+FieldOfView = Annotated[float, Field(gt=0.0, le=math.pi)]
+"""Full field of view [rad]."""
+
 
 @check_call
-def h_alpha(tilt: ArrayLike, fov: float) -> Floats:
+def h_alpha(tilt: ArrayLike, fov: FieldOfView) -> Floats:
     """Return the factor h_alpha by which a tilt reduces the gain of light that arrives vertically.
 
     h = cos(alpha) if alpha <= fov / 2, else 0
@@ -51,13 +53,7 @@ def h_alpha(tilt: ArrayLike, fov: float) -> Floats:
     The paper's factor cuts at alpha = fov, its test on the photons at fov / 2; the half angle is
     the one that a full field of view means, and is used for both here.
     """
-    angle = np.asarray(tilt, dtype=float)
-    return np.where(angle <= _half_angle(fov), np.cos(angle), 0.0)
-
-
-def _half_angle(fov: float) -> float:
-    """Return half the full field of view [rad]; refuse one outside (0, pi]."""
-    return 0.5 * require_between(fov, 0.0, math.pi, "fov", "(]", "0 < fov <= pi rad (full angle)")
+    return np.where(np.asarray(tilt) <= 0.5 * fov, np.cos(tilt), 0.0)
 
 
 _Square = Annotated[ArrayLike, Field(ge=0.0)]  # V^2 [m2 s-2]
@@ -101,7 +97,7 @@ class TiltFactors(NamedTuple):
         if self.law is None:
             return (self.h < level[..., None]) @ self.weight
         # h_alpha < h is alpha > arccos(h), or alpha beyond the field of view, where h_alpha is 0
-        tilt = np.minimum(np.arccos(np.clip(level, 0.0, 1.0)), _half_angle(self.fov))
+        tilt = np.minimum(np.arccos(np.clip(level, 0.0, 1.0)), 0.5 * self.fov)
         return np.where(level >= 1.0, 1.0, _tilt_table(self.law)(tilt))
 
 
@@ -214,14 +210,14 @@ class TiltLaw(Model, abc.ABC, frozen=True):
         tilt, weight = self._quadrature()
         return math.sqrt(float(weight @ (tilt - weight @ tilt) ** 2))
 
-    def outage(self, fov: float) -> float:
+    def outage(self, fov: FieldOfView) -> float:
         """Return P(alpha > fov / 2), the vertical outside a full field of view `fov` [rad].
 
         This is also the mass of h_alpha at 0.
         """
-        return float(self.sf(_half_angle(fov))) if fov < math.pi else 0.0
+        return float(self.sf(0.5 * fov)) if fov < math.pi else 0.0
 
-    def h_pdf(self, h: ArrayLike, fov: float = math.pi) -> Floats:
+    def h_pdf(self, h: ArrayLike, fov: FieldOfView = math.pi) -> Floats:
         """Return the density of h_alpha on [cos(fov / 2), 1); the mass `outage(fov)` is at 0.
 
         f(h) = f_alpha(arccos h) / sqrt(1 - h^2)
@@ -244,19 +240,19 @@ class TiltLaw(Model, abc.ABC, frozen=True):
         0, and its constant is wrong (`GammaTiltLaw.h_pdf_printed`).
         """
         h = np.asarray(h, dtype=float)
-        inside = (h > 0.0) & (h < 1.0) & (h >= math.cos(_half_angle(fov)))
+        inside = (h > 0.0) & (h < 1.0) & (h >= math.cos(0.5 * fov))
         safe = np.where(inside, h, 0.5)
         return np.where(inside, self.pdf(np.arccos(safe)) / np.sqrt(1.0 - safe**2), 0.0)
 
-    def h_cdf(self, h: ArrayLike, fov: float = math.pi) -> Floats:
+    def h_cdf(self, h: ArrayLike, fov: FieldOfView = math.pi) -> Floats:
         """Return P(h_alpha <= h) for h in [0, 1), with the mass at 0 from the field of view."""
         h = np.asarray(h, dtype=float)
         # Tilts beyond the field of view all have h = 0. The bounds are just below pi / 2, where
         # tan(alpha) is infinite.
-        tilt = np.minimum(np.arccos(np.clip(h, 1e-12, 1.0)), min(_half_angle(fov), 1.5707963267))
+        tilt = np.minimum(np.arccos(np.clip(h, 1e-12, 1.0)), min(0.5 * fov, 1.5707963267))
         return np.where(h < 0.0, 0.0, np.where(h >= 1.0, 1.0, self.sf(tilt)))
 
-    def h_moment(self, order: int = 1, fov: float = math.pi) -> float:
+    def h_moment(self, order: int = 1, fov: FieldOfView = math.pi) -> float:
         """Return the moment E[h_alpha^order], the outage of the field of view included.
 
         Parameters
@@ -266,10 +262,10 @@ class TiltLaw(Model, abc.ABC, frozen=True):
         fov : float
             Full field of view [rad].
         """
-        tilt, weight = self._quadrature(_half_angle(fov))
+        tilt, weight = self._quadrature(0.5 * fov)
         return float(weight @ np.cos(tilt) ** order)
 
-    def factors(self, fov: float) -> TiltFactors:
+    def factors(self, fov: FieldOfView) -> TiltFactors:
         """Return the law of h_alpha as weighted nodes, the outage of `fov` as one at h = 0.
 
         Parameters
@@ -279,7 +275,7 @@ class TiltLaw(Model, abc.ABC, frozen=True):
         """
         outage = self.outage(fov)
         low, high = _bulk_of_tilt(self)
-        high = min(high, _half_angle(fov))
+        high = min(high, 0.5 * fov)
         if high <= low:  # all but 1e-9 of the tilts leave the field of view
             return TiltFactors(np.zeros(1), np.ones(1), self, fov)
         x, w = gauss_legendre(_FACTORS)
@@ -431,7 +427,7 @@ def compare_laws(
     approximation: TiltLaw,
     points: Annotated[int, Field(ge=2, le=10**6)] = 400,
 ) -> LawComparison:
-    """Return the distance of an approximate law of the tilt from the exact one.
+    """Return measures of the error of an approximate law of the tilt.
 
     Parameters
     ----------
