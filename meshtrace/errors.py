@@ -200,7 +200,7 @@ def require_kind(value: Any, kind: type | UnionType, path: str) -> None:
 
 
 def require_plain(value: Any, path: str, allowed: str) -> None:
-    """Refuse arrays with a part that numpy drops silently: masks, units, names of columns."""
+    """Refuse arrays from which numpy would drop masks, units or names of columns."""
     if value is None or isinstance(value, str | int | float | list | tuple | dict):
         return
     # recognized by their attributes: importing pandas or pint would take longer than a first gain
@@ -480,7 +480,7 @@ def without_numbers(text: str) -> str:
 
 
 def in_ranges(lines: Iterable[str]) -> list[str]:
-    """Return one line for each set of lines that differ in their numbers alone, with their ranges.
+    """Merge lines that differ in their numbers alone into one with the ranges of the numbers.
 
     Examples
     --------
@@ -508,7 +508,7 @@ def reason_of(error: Exception) -> str:
 
 
 class InputWarning(UserWarning):
-    """Input was converted (units, formats), or columns or rows of it were left out."""
+    """Input was converted (units, formats), or some of its columns or rows were left out."""
 
 
 def warn_of_input(text: str) -> None:
@@ -521,4 +521,4 @@ def warn_of_input(text: str) -> None:
 
 
 class DomainWarning(UserWarning):
-    """Light left the mesh or was left out, or the mesh is too coarse: the gain is in doubt."""
+    """The gain is in doubt: light left the mesh or was neglected, or the mesh is too coarse."""

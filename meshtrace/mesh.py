@@ -119,7 +119,7 @@ class Cumulants(NamedTuple):
 
 
 class UnresolvedSlopes(NamedTuple):
-    """Slopes (along, across the wind) of the waves too short for a mesh.
+    """Slopes, along and across the wind, of the waves that are too short for a mesh.
 
     Light that crosses the mesh is bent as if the normal were tilted by random slopes of these
     variances and cumulants, on top of those of the mesh.
@@ -152,7 +152,7 @@ def _array(value: Any, name: str, shape: str, least: int, dtype: Any = float) ->
 
 
 def _corner_indices(faces: NDArray[Any]) -> NDArray[np.int32]:
-    """Return faces as the one kind of array that kernels are compiled for."""
+    """Return faces as read-only int32, the only type that kernels are compiled for."""
     # Read-only, as are the faces that grids of one shape share. A view, so that the array of the
     # caller stays as it is.
     faces = faces.astype(np.int32, copy=False).view()
@@ -330,7 +330,7 @@ class TriangleMesh:
 
     @cached_property
     def sha256(self) -> str:
-        """Digest of vertices and faces, which tells the mesh from others."""
+        """Digest of vertices and faces, which identifies the mesh."""
         return hashlib.sha256(self.vertices.tobytes() + self.faces.tobytes()).hexdigest()
 
     def to_trimesh(self) -> trimesh.Trimesh:

@@ -132,7 +132,7 @@ else:
 
 
 def converted(*, default: Any) -> Any:
-    """Return a pydantic field whose default type checkers accept for a `Converted` type."""
+    """Return a pydantic field with a default that type checkers accept for `Converted` types."""
     return Field(default=default)
 
 
@@ -328,7 +328,7 @@ class Model(
 
     @classmethod
     def _units(cls, name: str) -> list[str]:
-        """Return the units of a field: "[m]" in the docstring, or else by the end of its name."""
+        """Return the units of a field, from "[m]" in the docstring or else from its suffix."""
         texts = {key: text for key, (_, text) in entries(cls).items()}
         text = texts.get(name, "")
         units = re.findall(r"\[([^\]]*)\]", text)

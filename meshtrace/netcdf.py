@@ -1,4 +1,4 @@
-"""NetCDF, HDF5 and Zarr files: sizes are checked before any array is read.
+"""Safe reading of netCDF, HDF5 and Zarr files, with sizes checked before any array is read.
 
 A file of a few kilobytes can state arrays of any size: HDF5 does not store chunks that were never
 written, and deflate packs a thousand bytes into one.

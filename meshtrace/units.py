@@ -1,4 +1,4 @@
-"""Units as files spell them, converted by pint with the angle as a dimension of its own."""
+"""Units as files spell them, converted by pint with angle as a separate dimension."""
 
 from __future__ import annotations
 
@@ -238,7 +238,7 @@ def is_same(unit: str, target: str) -> bool:
 
 
 def cycles(unit: str | None) -> float | None:
-    """Return the power of cycles in a unit: 0 if it has other angles, None if it has none."""
+    """Return the power of cycles in a unit: 0 for other angles, None without any angle."""
     if unit is None or not is_unit(unit):
         return None
     quantity = _quantity(unit, "", "")

@@ -1,4 +1,4 @@
-"""Bodies beside the sea: triangle meshes that shadow and reflect light."""
+"""Bodies in the water or the air: triangle meshes that block and reflect light."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _facets_of(mesh: str | TriangleMesh) -> tuple[Floats, NDArray[np.int32], str
 
 @lru_cache(maxsize=8)
 def _read(file: str, modified: int, size: int) -> tuple[Floats, NDArray[np.int32], str]:
-    """Return the facets of a file; the time of its last change and its size tell it from others."""
+    """Return the facets of a file, cached by its time of modification and size."""
     from meshtrace.surfaces.triangulate import read_mesh
 
     try:
@@ -180,7 +180,7 @@ class Body(Model, frozen=True):
         return len(faces)
 
     def triangles(self) -> tuple[Floats, NDArray[np.int32]]:
-        """Return vertices (n, 3) [m] at the place of the body, and faces (m, 3)."""
+        """Return the vertices (n, 3) [m] of the placed body, and its faces (m, 3)."""
         vertices, faces, _ = _facets_of(self.mesh)
         if any(self.rotation_deg):
             from scipy.spatial.transform import Rotation

@@ -62,7 +62,7 @@ class Photometry:
 
     @cached_property
     def flux(self) -> float:
-        """Light in all directions, int I dOmega, of unit luminous efficacy: the lumens [lm]."""
+        """Luminous flux, int I dOmega [lm]."""
         table, step = self.rings
         mean = 0.5 * (table[:, 1:] + table[:, :-1]).mean(axis=1)
         cosine = np.cos(step * np.arange(len(table)))
@@ -123,7 +123,7 @@ def read_photometry(path: str | PathLike[str]) -> Photometry:
 
 @lru_cache(maxsize=32)
 def _read(file: Path, *version: int) -> Photometry:
-    """Read a file; `version` are the numbers of its status that change with it."""
+    """Read a file, cached by the parts of its status that change with it (`version`)."""
     text = file.read_text(encoding="latin-1")
     try:
         planes = _eulumdat(text) if file.suffix.lower() == ".ldt" else _ies(text)
@@ -254,7 +254,7 @@ def _turned(azimuth: Floats, planes: Floats) -> tuple[Floats, Floats]:
 
 
 def _checked(theta: Floats, azimuth: Floats, planes: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the angles [rad] and intensities (theta, azimuth) of sound data [deg]."""
+    """Return angles [rad] and intensities (theta, azimuth) from angles [deg]; refuse bad data."""
     for name, angles, most in (("vertical", theta, 180.0), ("horizontal", azimuth, 360.0)):
         rising = len(angles) > 1 and (np.diff(angles) > 0.0).all()
         if not (rising and angles[0] >= 0.0 and angles[-1] <= most):

@@ -16,7 +16,7 @@ __all__ = [
 
 
 class Whitecaps(Model, frozen=True):
-    """Foam on the surface, opaque: T_u = 1 - W multiplies every crossing once.
+    """Opaque foam on the surface, whose transmittance T_u = 1 - W weights every crossing.
 
     Parameters
     ----------

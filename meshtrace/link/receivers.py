@@ -54,7 +54,7 @@ class Aperture(
         """Direction of light at normal incidence."""
 
     def azimuths_of(self, directions: Annotated[Floats, Shape("n 3")]) -> Floats:
-        """Return the azimuths of the sides that light along directions (n, 3) comes from [rad].
+        """Return the azimuths [rad] from which light along directions (n, 3) arrives.
 
         About the line of sight, counter-clockwise seen from above from the x axis of the image: x
         and y turned with the line of sight by the shortest way from the vertical.

@@ -152,7 +152,7 @@ class _TopHat(Model, frozen=True):
 
 
 class _Measured(Model, frozen=True):
-    """Pattern of a lamp that was measured, from a file."""
+    """Measured pattern of a lamp, from a file."""
 
     file: str
     roll_deg: Finite = 0.0
@@ -455,7 +455,7 @@ class Sun(AirSource, frozen=True):
 
 
 class UniformSky(AirSource, frozen=True):
-    """Sky of equal radiance over the upper hemisphere, onto a square of the sea."""
+    """Sky of uniform radiance over the upper hemisphere, onto a square of the sea."""
 
     kind: Literal["uniform-sky"] = "uniform-sky"
 

@@ -1,4 +1,4 @@
-"""Tracker that steers a beam by what it saw some time before."""
+"""Tracker that steers a beam by delayed measurements."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from meshtrace.models import Model, NonNegative, Positive
 
 
 class Tracker(Model, frozen=True):
-    r"""Tracker of a beam: steers it to the receiver by what was seen a latency before.
+    r"""Tracker that steers a beam to the receiver by measurements of a latency before.
 
     .. math:: \hat s(t) = \sum_j a_j \, (s(t_0 - j T) + \epsilon_j), \quad t_0 \le t - \tau,
               \qquad y(u(t); \hat s(t)) = 0
