@@ -383,7 +383,5 @@ def _profile(water: Water, bubbles: BubblePopulation | None) -> tuple[Floats, Fl
     # dense near the surface, where the light is strong and the bubbles are
     depth = np.concatenate([surface, np.geomspace(1e-4 * deepest, deepest, _DEPTHS)])
     a, b = water.profile(depth)
-    scatterers = [b]
-    if bubbles is not None:
-        scatterers.append(bubbles.b(depth))
-    return depth, a, np.array(scatterers)
+    scattering = [b] if bubbles is None else [b, bubbles.b(depth)]
+    return depth, a, np.array(scattering)

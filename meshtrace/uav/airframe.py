@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
 
-from meshtrace.errors import Described, Refused, require_array, require_between, require_kind
+from meshtrace.checks import Shape
+from meshtrace.errors import Described, Refused, require_between, require_kind
 from meshtrace.models import Floats, Model, Positive
 
 from .tilt import ExactTiltLaw, GammaTiltLaw, TiltFactors, h_alpha
@@ -72,7 +73,7 @@ class Uav(Model, frozen=True):
         """K = C_D rho A / (2 m g) [s2 m-2]."""
         return self.drag_coefficient * self.air_density * self.area / (2.0 * self.mass * GRAVITY)
 
-    def tilt(self, wind: ArrayLike) -> Tilt:
+    def tilt(self, wind: Annotated[ArrayLike, Shape("... 3")]) -> Tilt:
         """Return the tilt of the receiver in a wind, alpha = arctan(K V^2), down-wind.
 
         Parameters
@@ -85,9 +86,7 @@ class Uav(Model, frozen=True):
         Tilt
             Angle and azimuth (...) [rad]; zeros behind a gimbal.
         """
-        v = require_array(wind, "wind", "wind vectors (..., 3) [m/s]")
-        if v.ndim == 0 or v.shape[-1] != 3:
-            raise Refused("wind", Described(f"shape {v.shape}"), "wind vectors (..., 3) [m/s]")
+        v = np.asarray(wind)
         if self.gimbal:
             return Tilt(np.zeros(v.shape[:-1]), np.zeros(v.shape[:-1]))
         angle = np.arctan(self.tilt_coefficient * np.sum(v * v, axis=-1))

@@ -57,8 +57,9 @@ LONGEST = 2.0  # [s], after which a call counts as accepted
 KINDS = {"float": "float", "int": "int", "bool": "bool", "str": "str", "None": "none",
          "ArrayLike": "array", "Floats": "array", "Path": "path", "PathLike": "path",
          "Ranged": "float", "RangedArray": "array", "Seed": "int", "Resamples": "int",
+         **dict.fromkeys(("Sizes", "ScatteringWavelength", "Temperature"), "array"),
          **dict.fromkeys(("Finite", "Positive", "NonNegative", "Probability", "ErrorRate",
-                          "Threshold"), "float")}  # fmt: skip
+                          "Threshold", "WindSpeed", "Depth", "FieldOfView"), "float")}  # fmt: skip
 
 
 class Accepted(BaseException):

@@ -507,7 +507,7 @@ def test_wrong_profile(arguments, message):
 
 
 def test_other_wrong_arguments():
-    with pytest.raises(ValueError, match=r"^r: 0.0, allowed: > 0$"):
+    with pytest.raises(ValueError, match=r"^r\[1\]: 0.0, allowed: > 0$"):
         model(5.0).size_distribution([1e-5, 0.0], 0.0)
     with pytest.raises(ValueError, match=r"^count: 0, allowed: an integer 1 <= count"):
         model(5.0).equal_area_radii(0)

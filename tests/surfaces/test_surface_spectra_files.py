@@ -30,13 +30,9 @@ AXES = ("freq", "dir")
 
 def numbers(spectrum):
     """Return Hs [m], and the mean direction waves come from [deg], by sums of this file."""
-    variance = (
-        spectrum.density
-        * np.gradient(spectrum.frequency)[:, None]
-        * 360.0
-        / spectrum.density.shape[1]
-    )
-    moment = (variance @ np.exp(1j * np.radians(spectrum.direction))).sum()
+    frequency, direction, density = spectrum
+    variance = density * np.gradient(frequency)[:, None] * 360.0 / density.shape[1]
+    moment = (variance @ np.exp(1j * np.radians(direction))).sum()
     return 4.0 * math.sqrt(variance.sum()), math.degrees(np.angle(moment)) % 360.0
 
 

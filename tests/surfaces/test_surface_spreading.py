@@ -103,7 +103,7 @@ def test_folded_elfouhaily_keeps_the_slope_ratio():
         (lambda: density(IttcSpreading(), math.nan), "theta: nan"),
         (lambda: direction_grid(math.pi / 2, 2.0), "d_theta: 2.0, allowed: 0 < d_theta <= 1.57"),
         (lambda: Cos2sSpreading(s=-2.0), "s: -2.0, allowed: > 0"),
-        (lambda: MitsuyasuSpreading.exponent(1.0, 0.0, 5.0), "omega_p: 0.0, allowed: 0 < omega_p"),
+        (lambda: MitsuyasuSpreading.exponent(1.0, 0.0, 5.0), "omega_p: 0.0, allowed: > 0"),
     ],
 )
 def test_refuses(call, message):
