@@ -253,14 +253,16 @@ def test_a_sea_has_its_mean_where_slopes_are_random():
 
 
 def test_the_mesh_of_a_mean_sea_is_as_coarse_as_its_waves_allow():
-    link, day = mt.Link(receiver=mt.Receiver(fov_deg=20.0)), mt.Daylight.clear_sky(30.0)
+    end = mt.Receiver(height=30.0, fov_deg=20.0)
+    link, day = mt.Link(transmitter=mt.Led(depth=20.0), receiver=end), mt.Daylight.clear_sky(30.0)
     campaign = campaign_of(link, sea_in_wind(8.0), run={"photons": 64})
     sea, fine = mean_sea(link, campaign.surface), campaign.meshing
     coarse = mean_meshing(link, sea, fine)
-    k = np.hypot(sea.components.kx, sea.components.ky).max()
-    assert coarse.spacing == pytest.approx(0.05 / k)
-    assert coarse.spacing > 3.0 * link.footprint().spacing
-    # a twentieth of the waves' radian: gains and backgrounds as over ten times as many facets
+    (lever,) = (crossing.lever for crossing in link.crossings())
+    assert coarse.spacing == pytest.approx(0.06 * lever)
+    assert coarse.spacing * np.hypot(sea.components.kx, sea.components.ky).max() < 0.05
+    assert mean_meshing(mt.Link(), sea, fine) is fine, "a short link needs small facets"
+    # gains and backgrounds are those over four times as many facets
     gains, lights = [], []
     for meshing in (fine, coarse):
         means = campaign._replace(surface=sea, meshing=meshing)
