@@ -536,6 +536,7 @@ class Search(NamedTuple):
     margin: float  # [m], size of the facets
     widest: float  # [m], limit on the distance of a crossing from the flat one
     curvature: float  # largest change of slope along an edge of the facets [m-1]
+    still: bool  # whether the surface is level at z = 0: crossings of still water are its own
 
 
 @inlined

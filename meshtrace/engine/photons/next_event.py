@@ -166,7 +166,9 @@ def _on_all_facets(still, shot, scene, search, world):
     if flat.low <= 0.0:
         return ZERO
     widest = scene.target.reach + search.widest
-    bounded = crossing.Search(search.audit, search.slope, search.margin, widest, search.curvature)
+    bounded = crossing.Search(
+        search.audit, search.slope, search.margin, widest, search.curvature, search.still
+    )
     radius = crossing.radius_of(flat, bounded, shot, scene)
     close = still.depth <= _CLOSE * search.margin
     return crossing.enumerate_roots(world.roots, ZERO, flat, radius, close, shot, scene)
