@@ -14,10 +14,12 @@ source has the same chains, stretched.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from threading import Lock
 
 import numpy as np
@@ -47,6 +49,9 @@ _INDEX_SHARE = 0.0625
 A small share suffices, as the noise of the same paths cancels in differences."""
 
 _RECENT_LINKS = 4  # last geometries whose chains stay in memory; tuned: memory, time
+# Moves of ends over the way between them, turns [rad] and relative changes of the index up to which
+# crossings are followed. Tuned: over steps of 3 % none is lost that the search finds.
+_NEAR = 0.1
 
 
 class SpectralDetection:
@@ -351,32 +356,57 @@ class FrozenForced:
             return known.result()  # no bound: work of another thread, which always sets it
         try:
             same, fixed = histories == self._histories, ends == self._ends
-            drawn.set_result(self._draw(arrays, aimed, shifts, same, fixed))
+            drawn.set_result(self._draw(link, arrays, aimed, shifts, same, fixed))
         except BaseException as error:  # passed on to the threads that wait, too
             drawn.set_exception(error)
         return drawn.result()
 
     def _draw(
-        self, arrays: ForcedLink, aimed: AimedChains, shifts: int, same: bool, fixed: bool
-    ) -> list[list[ChainSet]]:
+        self, link: Link, arrays: ForcedLink, aimed: AimedChains, shifts: int, same: bool,
+        fixed: bool,
+    ) -> list[list[ChainSet]]:  # fmt: skip
         """Draw as many chains of a shift as the base has, from the distributions of the base.
 
         With the `same` histories as the base its chains are taken, if they are stored; between
-        `fixed` ends, those of the base, also their crossings of still water.
+        `fixed` ends, those of the base, also their crossings of still water. Between ends nearby
+        the crossings of the base are followed.
         """
         drawer, by_source = self._base.drawer.of_link(arrays), list[list[ChainSet]]()
+        near = _is_near(link, arrays, self._base.link, self._base.arrays)
         for s, drawings in enumerate(self._base.sets(aimed.sampled)):
             # keys by source also for a downlink, whose receivers share one key in `Planner`
             chains = []
             for old, known in drawings:
                 request = old._replace(key=(self._seed, s, old.order, 1))
-                if same and known is not None and request == old:
-                    part = known.part(slice(old.per_shift * shifts))
-                    chains.append(part if fixed else drawer.retargeted(s, part))
+                of_base = known and known.part(slice(old.per_shift * shifts))
+                followed = of_base if near and request == old else None
+                if same and of_base is not None and request == old:
+                    moved = of_base if fixed else drawer.retargeted(s, of_base, followed)
                 else:
-                    chains.append(drawer.draw(request._replace(shifts=shifts)))
+                    moved = drawer.draw(request._replace(shifts=shifts), known=followed)
+                chains.append(moved)
             by_source.append(chains)
         return by_source
+
+
+def _is_near(link: Link, arrays: ForcedLink, base: Link, of_base: ForcedLink) -> bool:
+    """Return whether a link is so close to a base that crossings of still water move little."""
+    places, base_places = _places(arrays), _places(of_base)
+    if places.shape != base_places.shape or _models(link) != _models(base):
+        return False
+    pairs = product(of_base.emitters, of_base.targets)
+    way = min(math.dist(e.position, t.center) for e, t in pairs)
+    # the first columns are lengths, the others directions and ratios
+    moves = np.abs(places - base_places) / ([way] * 4 + [1.0] * 6)
+    bent = abs(link.water.n / link.n_air * base.n_air / base.water.n - 1.0)
+    return max(float(moves.max()), bent) <= _NEAR
+
+
+def _places(arrays: ForcedLink) -> Floats:
+    """Return position, radius, axis and first direction of the disk of each end, (ends, 10)."""
+    ends = [(*e.position, e.radius, *e.axis, *e.e1) for e in arrays.emitters]
+    ends += [(*t.center, t.radius, *t.axis, *t.e1) for t in arrays.targets]
+    return np.array(ends)
 
 
 def _ends(arrays: ForcedLink) -> str:
@@ -390,7 +420,11 @@ def _histories(link: Link, arrays: ForcedLink) -> str:
 
     Coefficients of the water are not part of it: weights have them.
     """
-    parts = link.water.phase, link.bubbles, link.physics
-    models = [part and part.model_dump_json() for part in parts]
     depths = [e.position.z for e in arrays.emitters]
-    return repr((depths, models, link.water.n, link.n_air))
+    return repr((depths, _models(link), link.water.n, link.n_air))
+
+
+def _models(link: Link) -> list[str | None]:
+    """Return the phase function, the bubbles and the physics of a link as text."""
+    parts = link.water.phase, link.bubbles, link.physics
+    return [None if part is None else part.model_dump_json() for part in parts]

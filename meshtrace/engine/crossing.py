@@ -535,6 +535,7 @@ class Search(NamedTuple):
     audit: float  # share of chains for which all facets are searched; 1 for faceted normals
     margin: float  # [m], size of the facets
     curvature: float  # largest change of slope along an edge of the facets [m-1]
+    still: bool  # whether the surface is level at z = 0: crossings of still water are its own
 
 
 @inlined

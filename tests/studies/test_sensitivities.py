@@ -113,6 +113,62 @@ def test_moments_agree_with_differences():
         assert found.table[NAMES[key]].elasticity == pytest.approx(difference, abs=tolerance)
 
 
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("transmitter.depth", 10.3), ("water.n", 1.38), ("transmitter.position.0", 0.5),
+        ("receiver.position.0", 0.6), ("receiver.radius", 0.13), ("receiver.tilt_deg", 3.0),
+    ],
+)  # fmt: skip
+def test_crossings_followed_from_the_base_are_those_of_a_search(key, value):
+    base = mt.Link().replace("water.b", 0.3)
+    frozen, moved = correlated.FrozenForced(base, 1024, 1), base.replace(key, value)
+    arrays, aimed = frozen._aimed(moved, FlatSea().mesh(extent=8.0))
+    drawer, together, chains = frozen._base.drawer.of_link(arrays), 0, 0
+    for request, followed in zip(
+        (request for request, _ in frozen._base.sets(False)[0]),
+        frozen._sets(moved, arrays, aimed)[0],
+        strict=True,
+    ):
+        found, searched = followed.crossings(0), drawer.draw(request).crossings(0)
+        # a record of branch 0 ends those of a chain
+        there, expected = (np.cumprod(x["branch"] != 0.0, axis=1) > 0 for x in (found, searched))
+        # what is followed may be missed by a search, but not the other way round
+        assert (there.sum(axis=1) >= expected.sum(axis=1)).all()
+        lit = expected[:, 0]
+        apart = np.hypot(found["x"] - searched["x"], found["y"] - searched["y"])[lit, 0]
+        together, chains = together + np.count_nonzero(apart < 1e-6), chains + len(apart)
+    # two crossings beside a fold are rare: either of them may come first
+    assert together > 0.99 * chains
+
+
+def test_crossings_are_followed_to_links_nearby_alone():
+    frozen = correlated.FrozenForced(mt.Link(), 64, 1)
+    base, of_base = frozen._base.link, frozen._base.arrays
+    for key, value, near in [
+        ("receiver.position.0", 0.5, True),
+        ("receiver.position.0", 5.0, False),
+        ("transmitter.depth", 10.5, True),
+        ("transmitter.depth", 15.0, False),
+        ("receiver.tilt_deg", 20.0, False),
+        ("water.phase.n", 1.2, False),
+    ]:
+        moved = base.replace(key, value)
+        arrays = correlated.forced_link(moved, of_base.frame)
+        assert correlated._is_near(moved, arrays, base, of_base) is near, key
+
+
+def test_level_water_has_the_crossings_of_the_flat_sea():
+    link, mesh = mt.Link(receiver=mt.Receiver(position=(1.0, 0.0))), FlatSea().mesh(extent=8.0)
+    thorough, usual = (
+        correlated.FrozenForced(link, 1024, 1, search=search) for search in ("thorough", "usual")
+    )
+    np.testing.assert_allclose(thorough.gains(link, mesh), usual.gains(link, mesh), rtol=1e-8)
+    # beyond the rim of a smaller sea there is none
+    small = FlatSea().mesh(extent=0.8)
+    np.testing.assert_allclose(thorough.gains(link, small), usual.gains(link, small), rtol=1e-8)
+
+
 @pytest.mark.parametrize("wind_speed", [5.0, 13.0])
 @pytest.mark.thorough
 @pytest.mark.slow_but("13.0")

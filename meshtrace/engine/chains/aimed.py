@@ -99,8 +99,9 @@ class AimedChains:
     unresolved : str
         `Physics.unresolved`.
     search : {"usual", "thorough"}
-        "thorough" searches every facet for crossings of every chain; "usual" does so for a share of
-        the chains and divides by that share: unbiased, with more noise.
+        "usual" searches every facet for crossings of a share of the chains and divides by that
+        share: unbiased, with more noise. "thorough" does so for every chain, but for level water,
+        whose crossings are those of still water.
     """
 
     def __init__(
@@ -155,10 +156,13 @@ class AimedChains:
     @cached_property
     def _extent(self) -> Search:
         """Extent of the search for roots."""
-        extent = search_extent(self.surface, self.facets, self.locator)
-        # level water has the crossings of the flat sea alone
-        thorough = self._search_mode == "thorough" and self.surface.max_slope > 0.0
-        return extent._replace(audit=1.0) if thorough else extent
+        surface = self.surface
+        extent = search_extent(surface, self.facets, self.locator)
+        if self._search_mode == "usual":
+            return extent
+        # level water has the crossings of still water
+        level = bool(surface.low[2] == surface.high[2] == 0.0) and not self.rough
+        return extent._replace(still=True) if level else extent._replace(audit=1.0)
 
     @property
     def sampled(self) -> bool:
@@ -575,6 +579,7 @@ def search_extent(surface: MeshArrays, facets: NDArray[np.void], bins: Locator) 
         audit=_AUDITED if surface.interpolate else 1.0,
         margin=2.0 * float(facets["radius"][near].max()),
         curvature=float(facets["curvature"][near].max()),
+        still=False,
     )
 
 

@@ -131,7 +131,7 @@ def shot_of(chains, i, scene, branch, roughness):
 
 
 @entry
-def flat_crossings(chains, starts, still, raised, out):
+def flat_crossings(chains, known, starts, still, raised, out):
     """Find the crossings of a flat sea by each chain: `out` (chains, room) of `FLAT` records.
 
     Array twin: `tests/engine/test_crossing.py`.
@@ -139,7 +139,9 @@ def flat_crossings(chains, starts, still, raised, out):
     branch 0 ends those of a chain. `starts` (n, 2) are the points (x, y) [m] from which Newton is
     tried; a chain with one crossing at most stops at the first success. `still` is the scene with
     the flat sea at the mean level, z = 0, `raised` that with one above every crest, which is tried
-    for chains without a crossing of still water.
+    for chains without a crossing of still water. `known` (chains, room) are records of the same
+    chains in a link nearby, or none with a room of 0: Newton follows them from there, and other
+    starts are tried only where a chain had no crossing of this sea, or loses one.
     """
     depth = -still.emitter.position.z
     for i in range(len(chains.last)):
@@ -151,17 +153,32 @@ def flat_crossings(chains, starts, still, raised, out):
         single = distance < 0.95 * depth and dot(q, v) >= 0.4 * distance
         n = ZERO
         for scene in (still, raised):
+            n, followed = _followed(n, known[i], chains, i, scene, out[i])
             # Branch -1, the near intersection, needs a last vertex outside the sphere of radius
             # |P| >= depth.
-            for side in range(1 if distance < depth else 2):
+            for side in range(0 if followed else 1 if distance < depth else 2):
                 for k in range(len(starts)):
                     if n < len(out[i]) and not (n > 0 and single):
                         shot = shot_of(chains, i, scene, 1.0 - 2.0 * side, SMOOTH)
-                        n = _flat_root(n, starts[k], shot, scene, out[i])
+                        n = _flat_root(n, Vec2(starts[k, 0], starts[k, 1]), shot, scene, out[i])
             if n > 0:
                 break
         if n < len(out[i]):
             out[i, n].branch = 0.0
+
+
+@inlined
+def _followed(n, known, chains, i, scene, out):
+    """Append the crossings of a flat sea that lie near known ones; return (number, all found)."""
+    expected = n
+    for k in range(len(known)):
+        if known[k].branch == 0.0:
+            break
+        if known[k].level == scene.surface.level:
+            shot = shot_of(chains, i, scene, known[k].branch, SMOOTH)
+            n = _flat_root(n, Vec2(known[k].x, known[k].y), shot, scene, out)
+            expected += 1
+    return n, n > 0 and n == expected
 
 
 @outlined
@@ -171,7 +188,7 @@ def _flat_root(n, start, shot, scene, out):
     Return the number of crossings, n before. Crossings within 1e-4 m of each other are the same.
     """
     longest = scene.target.center.z  # step of Newton: the height of the aperture [m]
-    converged, x, y, _ = crossing.newton(start[0], start[1], FLAT_SEA, YES, longest, shot, scene)
+    converged, x, y, _ = crossing.newton(start.x, start.y, FLAT_SEA, YES, longest, shot, scene)
     if not converged or crossing.is_known(out, ZERO, n, x, y, shot.branch, 1e-4):
         return n
     crossing.flat_crossing(out[n], x, y, shot, scene)
@@ -187,6 +204,12 @@ def _roots_near(n, flat, audit, search, shot, scene, roots, counters):
     so that the mean is that of a search for every chain. `search` is the `crossing.Search`.
     """
     surface, target, tilt = scene.surface, scene.target, shot.tilt
+    if search.still and flat.level == surface.level:
+        # the flat crossing itself, where the water reaches so far
+        if locate(scene.locator, surface, flat.x, flat.y) < 0:
+            return n
+        counters[Counter.SOLVED.value] += 1
+        return crossing.add_root(roots, n, ZERO, flat.x, flat.y, FLAT_SEA, shot.branch, 1.0)
     radius = crossing.radius_of(flat, search, shot, scene)
     # No crossing lies farther than `radius` from the flat one. The cheap bounds come first: they
     # end most searches.

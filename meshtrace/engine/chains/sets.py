@@ -222,19 +222,27 @@ class ChainDrawer:
         beyond = 1.0 - np.cumsum(poisson_law(most))
         return int(np.clip(np.count_nonzero(beyond > _TAIL), 1, _MAX_ORDER))
 
-    def draw(self, request: Request, receivers: Collection[int] | None = None) -> ChainSet:
-        """Return all chains of a request, to all receivers by default."""
+    def draw(
+        self, request: Request, receivers: Collection[int] | None = None,
+        known: ChainSet | None = None,
+    ) -> ChainSet:  # fmt: skip
+        """Return all chains of a request, to all receivers by default.
+
+        `known` are the same chains of a link nearby, whose crossings are followed to these.
+        """
         chains = self.empty(request, receivers)
         for block in blocks_of(request):
-            self._fill((block, chains.part(block.span)))
+            self._fill((block, chains.part(block.span)), known and known.part(block.span))
         return chains
 
-    def retargeted(self, source: int, drawn: ChainSet) -> ChainSet:
-        """Return the same chains with their crossings to the receivers of this link."""
-        search = partial(self._search, source)
+    def retargeted(self, source: int, drawn: ChainSet, known: ChainSet | None = None) -> ChainSet:
+        """Return the same chains with their crossings to the receivers of this link.
+
+        `known` as for `draw`.
+        """
         receivers = self._representatives() if drawn.flat else []
-        flat = {receiver: search(drawn.chains, receiver) for receiver in receivers}
-        return drawn._replace(find=search, flat=flat)
+        flat = {r: self._search(source, drawn.chains, r, known) for r in receivers}
+        return drawn._replace(find=partial(self._search, source), flat=flat)
 
     def draw_all(self, requests: Sequence[Request], threads: int = 1) -> list[Drawing]:
         """Return sets of chains, which are drawn now if they are few enough to be stored.
@@ -289,8 +297,11 @@ class ChainDrawer:
         flat = {receiver: np.zeros((n, CROSSINGS), FLAT) for receiver in receivers}
         return ChainSet(Chains.zeros(n, request.order), partial(self._search, request.source), flat)
 
-    def _fill(self, job: tuple[Block, ChainSet]) -> None:
-        """Draw the chains of a block from shifted points; find their crossings of a flat sea."""
+    def _fill(self, job: tuple[Block, ChainSet], known: ChainSet | None = None) -> None:
+        """Draw the chains of a block from shifted points; find their crossings of a flat sea.
+
+        `known` as for `draw`.
+        """
         block, drawn = job
         source, per_shift = block.request.source, block.request.per_shift
         first = block.span.start - block.shifts_in.start * per_shift  # of a part of one shift
@@ -304,7 +315,7 @@ class ChainDrawer:
         kernel.make_chains(drawn.chains, law, self.link.medium, u, component)
         self.place_points(drawn.chains)
         for receiver, out in drawn.flat.items():
-            flat_crossings(drawn.chains, *self._still_water(source, receiver), out)
+            self._cross(source, drawn.chains, receiver, out, known)
 
     def place_points(self, chains: Chains) -> None:
         """Place the points that chains aim at: by default they stay in the unit disk.
@@ -312,11 +323,22 @@ class ChainDrawer:
         Samplers for maps, whose apertures are square cells, override this.
         """
 
-    def _search(self, source: int, chains: Chains, receiver: int) -> NDArray[np.void]:
+    def _search(
+        self, source: int, chains: Chains, receiver: int, known: ChainSet | None = None
+    ) -> NDArray[np.void]:
         """Return the crossings of a flat sea by chains from a source to a receiver."""
         out = np.zeros((len(chains.path), CROSSINGS), FLAT)
-        flat_crossings(chains, *self._still_water(source, receiver), out)
+        self._cross(source, chains, receiver, out, known)
         return out
+
+    def _cross(
+        self, source: int, chains: Chains, receiver: int, out: NDArray[np.void],
+        known: ChainSet | None,
+    ) -> None:  # fmt: skip
+        """Write the crossings of a flat sea by chains from a source to a receiver."""
+        flat = known.flat.get(receiver) if known else None
+        near = np.zeros((len(out), 0), FLAT) if flat is None else flat
+        flat_crossings(chains, near, *self._still_water(source, receiver), out)
 
     def _still_water(self, source: int, receiver: int) -> tuple[Floats, Scene, Scene]:
         """Return the starts (x, y) of the search for flat crossings, and two scenes of flat water.

@@ -396,9 +396,10 @@ def locator(surface: interface.MeshArrays, targets: Sequence[Target]) -> Locator
     for (old_faces, old_places), old, known in tuple(_recent_bins):
         if key == old and np.array_equal(old_places, places) and np.array_equal(old_faces, faces):
             return known
-    # bins of 0.1, the default spacing of facets (`Link.footprint`), and at most 400 along a side
+    # bins of 0.1, the default spacing of facets (`Link.footprint`), at most 400 along a side, and
+    # some ten along a side of a facet
     width = max(high[0] - low[0], high[1] - low[1])
-    step = max(0.1, width / 400.0)
+    step = max(0.1, width / min(400.0, 10.0 * math.sqrt(len(surface.faces))))
     nx, ny = (max(math.ceil((high[i] - low[i]) / step), 1) for i in range(2))
     grid = filled_bins(low[0], low[1], step, (nx, ny), surface.vertices, faces)
     _recent_bins.append(((faces, places.copy()), key, grid))

@@ -349,7 +349,7 @@ def test_chains_that_turn_gently_cross_a_flat_sea_once(lamp, receiver):
     found = np.full((len(starts), n, 2), np.nan)
     for k, point in enumerate(found):
         flat = np.zeros((n, sets.CROSSINGS), crossing.FLAT)
-        gain.flat_crossings(chains, starts[k : k + 1], scene, raised, flat)
+        gain.flat_crossings(chains, flat[:, :0], starts[k : k + 1], scene, raised, flat)
         lit = flat["branch"][:, 0] > 0.0
         point[lit] = np.stack([flat["x"], flat["y"]], axis=-1)[lit, 0]
     found = found[:, ~np.isnan(found).all(axis=(0, 2))]
