@@ -147,14 +147,23 @@ def check_call(function: Callable[P, R], all_named: bool = False) -> Callable[P,
     Traceback (most recent call last):
     meshtrace.errors.Refused: rate: -1, allowed: > 0
     """
-    validator: Callable[..., Any] | None = None
+    checks: _Checks | None = None
 
     @wraps(function)
     def call(*args: P.args, **options: P.kwargs) -> R:
-        nonlocal validator
-        if validator is None:  # not at import: most functions are not called in a run
-            validator = _validator(function, all_named)
-        places, names = validator(args, options)
+        nonlocal checks
+        if checks is None:  # not at import: most functions are not called in a run
+            checks = _checks_of(function, all_named)
+        by_place, rest, by_name, only_known = checks
+        if only_known:
+            require_keys(options, by_name)
+        # all arguments that *args collects share one check
+        in_order = zip(itertools.chain(by_place, itertools.repeat(rest)), args, strict=False)
+        places: list[Any] = [check(value) if check else value for check, value in in_order]
+        names: dict[str, Any] = {
+            key: check(value) if (check := by_name.get(key)) else value
+            for key, value in options.items()
+        }
         return function(*places, **names)
 
     call.__checked__ = True  # type: ignore[attr-defined]
@@ -201,19 +210,18 @@ def _checked(name: str, adapter: pydantic.TypeAdapter[Any], value: Any) -> Any:
     raise Refused("", _shown(value), allowed).inside(name, *words_of(place))
 
 
-_Check = Callable[[Any], Any]
+_Check = Callable[[Any], Any] | None
+"""Returns a value as its annotated type, or refuses it; None accepts any value."""
+_Checks = tuple[list[_Check], _Check, dict[str, _Check], bool]
+"""Checks of positional arguments, of `*args` and of keywords; whether no other keyword is known."""
 
 
-def _accept(value: Any) -> Any:
-    return value
-
-
-def _validator(function: Callable[..., Any], all_named: bool) -> Callable[..., Any]:
-    """Return a function that validates positional and keyword arguments; see `check_call`."""
+def _checks_of(function: Callable[..., Any], all_named: bool) -> _Checks:
+    """Return the checks of the parameters of a function; see `check_call`."""
     plain = inspect.unwrap(function)
     places: list[_Check] = []
     by_name: dict[str, _Check] = {}
-    rest: _Check = _accept
+    rest: _Check = None
     only_known = True
     for name, parameter in inspect.signature(plain).parameters.items():
         hint = plain.__annotations__.get(name, Any)
@@ -232,18 +240,7 @@ def _validator(function: Callable[..., Any], all_named: bool) -> Callable[..., A
                 places.append(check)
             if parameter.kind is not parameter.POSITIONAL_ONLY:
                 by_name[name] = check
-
-    def validate(
-        args: Sequence[Any], options: Mapping[str, Any]
-    ) -> tuple[list[Any], dict[str, Any]]:
-        if only_known:
-            require_keys(options, by_name)
-        # all arguments that *args collects share one validator
-        checks = itertools.chain(places, itertools.repeat(rest))
-        by_place = [check(value) for check, value in zip(checks, args, strict=False)]
-        return by_place, {key: by_name.get(key, _accept)(v) for key, v in options.items()}
-
-    return validate
+    return places, rest, by_name, only_known
 
 
 class _Names(dict[str, Any]):
@@ -277,10 +274,10 @@ class _Later(type):
 
 
 def _parameter(name: str, hint: Any) -> _Check:
-    """Return the validator of a parameter."""
+    """Return the check of a parameter."""
     kind = _typed(hint, _Limits(name))
     if kind is Any:
-        return _accept
+        return None
     # made when it is first needed, as most never are: it takes longer than the check of a value
     adapter = cache(partial(pydantic.TypeAdapter, kind))
     parts = get_args(kind) if get_origin(kind) is Union else (kind,)

@@ -91,7 +91,7 @@ class SpectralDetection:
             _, paths = photon_paths(self.links, waiting, chains=True)
             # the middle index: none is farther from it than half of their range
             planner = Planner(paths.middle(), seed, normals, threads, sea, wavelengths=paths)
-            detection = ForcedDetection.following(planner, planner.plan(photons))
+            detection = ForcedDetection.following(planner, planner.plan(photons, planner.compare()))
             # bases have the smallest and the largest index, a single one if these are equal
             extremes = paths.bases if len(paths.bases) > 1 else []
             ends = [detection.at_index(link.water.n, _INDEX_SHARE) for link in extremes]
@@ -237,7 +237,7 @@ class FrozenForced:
     ) -> None:
         # chains alone: joined photons are followed under one surface and one link
         planner = Planner(link, seed, normals, sea=sea, search=search, scattered="chains")
-        base = ForcedDetection.following(planner, planner.plan(photons))
+        base = ForcedDetection.following(planner, planner.plan(photons, planner.compare()))
         # chains for all receivers, beside the estimators that `simulate` would choose
         warn_of_chains(base, Planner(link, seed, normals, sea=sea).compare().method)
         self._base, self._seed = base, seed

@@ -118,7 +118,7 @@ class ForcedDetection:
         scattered: Scattered = "auto",
     ) -> None:
         planner = Planner(link, seed, normals, threads, sea, scattered=scattered)
-        self._draw(planner, planner.plan(photons))
+        self._draw(planner, planner.plan(photons, planner.compare()))
 
     @classmethod
     def following(cls, planner: Planner, plan: Plan) -> ForcedDetection:
@@ -215,7 +215,9 @@ class ForcedDetection:
         top = float(mesh.bounds[1, 2])
         if top > self.drawer.ceiling * self.arrays.frame.unit and "chains" in self.method:
             planner = replace(self.planner, sea=self.planner.sea._replace(crest=top))
-            higher = ForcedDetection.following(planner, planner.plan(self.photons))
+            higher = ForcedDetection.following(
+                planner, planner.plan(self.photons, planner.compare())
+            )
             return higher.at_wavelengths(mesh, surface, record, per_lamp)
         aimed = surface.of_link(self.arrays) if surface else self.planner.aim_over(mesh)
         plan, shared = self.plan, self.planner.shared
@@ -471,7 +473,7 @@ def cut_share(case: Case, mesh: TriangleMesh) -> Floats:
         return np.zeros(len(link.receivers))
     sea = TypicalSea.of_meshes([mesh])
     planner = Planner(link, case.run.seed, case.meshing.normals, case.threads, sea)
-    few = ForcedDetection.following(planner, planner.plan(_CUT_CHAINS))
+    few = ForcedDetection.following(planner, planner.plan(_CUT_CHAINS, planner.compare()))
     within = flat_mesh(low, high)
     if planner.arrays.reflects:
         # the mesh cuts off what it mirrors, hardly what the water scatters between the ends

@@ -163,8 +163,8 @@ class Planner:
         planner.drawer = self.drawer.of_link(planner.arrays)
         return planner
 
-    def plan(self, photons: int, comparison: Comparison | None = None) -> Plan:
-        """Return the plan for a total number of chains; estimators are compared unless given.
+    def plan(self, photons: int, comparison: Comparison) -> Plan:
+        """Return the plan for a total number of chains by a comparison of estimators.
 
         Raises
         ------
@@ -174,7 +174,6 @@ class Planner:
         if not SHIFTS <= photons <= _MOST_CHAINS:
             allowed = f"an integer {SHIFTS} <= photons <= {_MOST_CHAINS} for forced detection"
             raise Refused("photons", photons, allowed)
-        comparison = comparison or self.compare()
         method = comparison.method
         chains = self._allot(photons, comparison) if "chains" in method else []
         joined, joined_to, reflects = self._plan_joined(photons, comparison)

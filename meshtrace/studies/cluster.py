@@ -202,10 +202,8 @@ class Cluster:
             for future, result in _finished(client, completed, self.timeout, ended):
                 if future.cancelled():  # by a scheduler that went away
                     break
-                if isinstance(result, dict):  # its environment in place of a result
-                    raise _other_worker("a worker that came late", result)
                 i = numbers.pop(future.key)
-                yield (i, result[1], ()) if future.status == "error" else (i, *result)
+                yield (i, result[1], ()) if future.status == "error" else (i, *_checked(result))
                 # frees the result in the memory of the worker
                 future.release()
                 submit(1)
@@ -358,6 +356,13 @@ def _portable_job() -> Callable[..., Any]:
 def _environment() -> dict[str, str]:
     """Return the versions on which results depend, by the code that runs on workers."""
     return dict(_portable_job()(None, b"", {}))
+
+
+def _checked(result: Any) -> Any:
+    """Return result and warnings of a job; refuse a worker that described its environment."""
+    if isinstance(result, dict):
+        raise _other_worker("a worker that came late", result)
+    return result
 
 
 def _require_equal_workers(client: distributed.Client, timeout: float) -> None:

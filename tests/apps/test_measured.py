@@ -193,7 +193,7 @@ def test_laser_is_that_of_a_plain_walk():
 def test_attenuation_without_scattering():
     """K = a / cos(theta_t) for b = 0 and a sun of 30 degrees."""
     planes = daylight.light_below(0.2, 0.0, "average", 30.0, (0.01, 5.0), 4096)
-    k, _ = daylight.attenuation(planes, 0, 1)
+    k, _ = daylight.attenuation(planes)
     assert k == pytest.approx(0.2 / math.sqrt(1.0 - (0.5 / 1.34) ** 2), rel=1e-4)
 
 

@@ -82,7 +82,7 @@ def test_coverage_to_a_tolerance(tmp_path):
     found = results.load(file)
     assert found.provenance["unscattered"] == "image"
     assert (found.gain_stderr <= 0.05 * found.gain).all()
-    assert "rtol: -1.0, allowed: a finite number > 0" in refusal("coverage", "--rtol", -1)
+    assert "rtol: -1.0, allowed: > 0" in refusal("coverage", "--rtol", -1)
 
 
 @pytest.mark.parametrize("command", ["run", "series", "ensemble", "ber", "compare", "coverage"])

@@ -85,7 +85,7 @@ def test_validators_are_made_by_the_first_call(monkeypatch):
     def fail(*arguments):
         raise AssertionError("made at import")
 
-    monkeypatch.setattr(checks, "_validator", fail)
+    monkeypatch.setattr(checks, "_checks_of", fail)
 
     @check_call
     def later(x: float) -> float:

@@ -11,7 +11,6 @@ import pytest
 from studies.test_store import LINK, SMALL, STUDIES, TIMES, WAVE, digits
 
 import meshtrace as mt
-from meshtrace.engine.outcome import FewSamplesWarning
 from meshtrace.errors import Refused, warn
 from meshtrace.studies import cluster
 from meshtrace.studies.campaign import campaign_of
@@ -53,7 +52,7 @@ def test_warnings_of_workers_are_those_of_this_process(address):
     def setup():
         def job(i):
             if i < 4:
-                warn(f"row {i % 2}", FewSamplesWarning)
+                warn(f"row {i % 2}", mt.FewSamplesWarning)
             return i
 
         return job
@@ -63,7 +62,7 @@ def test_warnings_of_workers_are_those_of_this_process(address):
         results = dict(Cluster(address).map(setup, range(5)))
     assert results == {i: i for i in range(5)}
     assert sorted(str(w.message) for w in caught) == ["row 0", "row 1"]
-    assert {(w.category, w.filename) for w in caught} == {(FewSamplesWarning, __file__)}
+    assert {(w.category, w.filename) for w in caught} == {(mt.FewSamplesWarning, __file__)}
 
 
 @pytest.mark.process

@@ -150,6 +150,12 @@ def blocks_of(request: Request, chains: ChainSet | None = None) -> Iterator[Bloc
         yield Block(request, span, points, chains and chains.part(span))
 
 
+def _near_crossings(known: ChainSet | None, receiver: int, n: int) -> NDArray[np.void]:
+    """Return crossings of a flat sea by n known chains to a receiver, without columns if none."""
+    flat = known.flat.get(receiver) if known else None
+    return np.zeros((n, 0), FLAT) if flat is None else flat
+
+
 class ChainDrawer:
     """Sampler of the chains of a link.
 
@@ -315,7 +321,8 @@ class ChainDrawer:
         kernel.make_chains(drawn.chains, law, self.link.medium, u, component)
         self.place_points(drawn.chains)
         for receiver, out in drawn.flat.items():
-            self._cross(source, drawn.chains, receiver, out, known)
+            near = _near_crossings(known, receiver, len(out))
+            flat_crossings(drawn.chains, near, *self._still_water(source, receiver), out)
 
     def place_points(self, chains: Chains) -> None:
         """Place the points that chains aim at: by default they stay in the unit disk.
@@ -328,17 +335,9 @@ class ChainDrawer:
     ) -> NDArray[np.void]:
         """Return the crossings of a flat sea by chains from a source to a receiver."""
         out = np.zeros((len(chains.path), CROSSINGS), FLAT)
-        self._cross(source, chains, receiver, out, known)
-        return out
-
-    def _cross(
-        self, source: int, chains: Chains, receiver: int, out: NDArray[np.void],
-        known: ChainSet | None,
-    ) -> None:  # fmt: skip
-        """Write the crossings of a flat sea by chains from a source to a receiver."""
-        flat = known.flat.get(receiver) if known else None
-        near = np.zeros((len(out), 0), FLAT) if flat is None else flat
+        near = _near_crossings(known, receiver, len(out))
         flat_crossings(chains, near, *self._still_water(source, receiver), out)
+        return out
 
     def _still_water(self, source: int, receiver: int) -> tuple[Floats, Scene, Scene]:
         """Return the starts (x, y) of the search for flat crossings, and two scenes of flat water.

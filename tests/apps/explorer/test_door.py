@@ -20,8 +20,9 @@ from wslink.chunking import generate_chunks
 from meshtrace.apps.explorer import server
 
 SMALL = f"""
-from meshtrace.apps.explorer import stages
+from meshtrace.apps.explorer import influences, stages
 vars(stages).update({FEW})
+influences.INPUTS = ()
 from meshtrace.__main__ import main
 main()
 """

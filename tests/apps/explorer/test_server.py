@@ -10,15 +10,14 @@ import pytest
 from trame.app.core import AVAILABLE_SERVERS
 
 import meshtrace as mt
-from meshtrace.apps.explorer import controls, server, stages
+from meshtrace.apps.explorer import controls, influences, server, stages
 from meshtrace.apps.explorer import page as page_of_session
 from meshtrace.errors import Refused
 from meshtrace.scenario import Scenario
 
 PAPER = Scenario.from_toml("")
 
-FEW = {"CHAINS": (64, 64), "FADING_CHAINS": 64, "FADING_FRAMES": 8, "MAP_PHOTONS": (1000, 2000),
-       "INPUTS": ()}  # fmt: skip
+FEW = {"CHAINS": (64, 64), "FADING_CHAINS": 64, "FADING_FRAMES": 8, "MAP_PHOTONS": (1000, 2000)}
 """Settings of `stages` for sessions whose answers nobody reads."""
 
 
@@ -37,6 +36,7 @@ def served(test, **options):
     with pytest.MonkeyPatch.context() as patch:
         for name, value in FEW.items():
             patch.setattr(stages, name, value)
+        patch.setattr(influences, "INPUTS", ())
         return asyncio.run(run())
 
 
