@@ -214,7 +214,7 @@ def _even(lines_of_words: list[list[str]], places: Sequence[int], name: str) -> 
 
 
 def split(line: str, separator: str) -> list[str]:
-    """Return the stripped words of a line; those in quotes may hold the separator."""
+    """Split a line into stripped words; quoted words may contain the separator."""
     if '"' in line and len(separator) == 1:
         text = " ".join(line.split()) if separator == " " else line
         try:

@@ -317,7 +317,7 @@ class _Limits(NamedTuple):
         return self.words or self.range or words
 
     def refused(self, value: Any, words: str) -> Refused:
-        """Return the refusal of a number outside the bounds; `words` say what is allowed."""
+        """Return the error for a number outside the bounds; `words` describe the allowed values."""
         number = float(value)
         # inside the bounds of the annotation, but too large or too small to compute with
         if math.isfinite(number) and abs(number) > LARGEST:

@@ -135,7 +135,7 @@ def extra(
     value: object = None,
     allowed: str = "{}",
 ) -> Iterator[None]:
-    """Turn the failed import of a package in a block into a refusal that says how to install it.
+    """Turn a failed import of a package into an error with its installation command.
 
     Parameters
     ----------
@@ -518,7 +518,7 @@ def in_ranges(lines: Iterable[str]) -> list[str]:
 
 
 def warn(text: str, category: type[Warning] = UserWarning) -> None:
-    """Warn at the user's line that calls the package: the one that can be changed."""
+    """Warn at the line of the user's code that calls the package."""
     level, frame = 2, sys._getframe(1)
     # parts are built inside of pydantic, and blocks end inside of contextlib
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in (

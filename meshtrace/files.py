@@ -73,7 +73,7 @@ def atomic(path: str | Path, mode: int = 0o666) -> Iterator[Path]:
 
 
 def _prefix() -> str:
-    """Return how names of temporary files of this host begin."""
+    """Return the prefix of temporary file names of this host."""
     return f".meshtrace-{socket.gethostname()}-"
 
 

@@ -347,7 +347,7 @@ READABLE = "a file with a mesh that trimesh reads (OBJ, PLY, STL, ...), or a Tri
 
 
 def _path_or_mesh(value: Any) -> Any:
-    """Return a path as a text, a TriangleMesh as it is; refuse anything else."""
+    """Return a path as text or a TriangleMesh unchanged; refuse other types."""
     if value is None or isinstance(value, TriangleMesh):
         return value
     if isinstance(value, str | PathLike):
@@ -359,7 +359,7 @@ def _path_or_mesh(value: Any) -> Any:
 
 
 def _path_or_digest(mesh: Any) -> Any:
-    """Return the path of a mesh, or what identifies the arrays of a TriangleMesh, as plain data."""
+    """Return the path of a mesh or a digest of the arrays of a TriangleMesh as plain data."""
     if not isinstance(mesh, TriangleMesh):
         return mesh
     return {"sha256": mesh.sha256, "facets": len(mesh.faces)}

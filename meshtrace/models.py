@@ -289,7 +289,7 @@ class Model(
     @pydantic.model_validator(mode="wrap")
     @classmethod
     def _plain_numbers(cls, data: Any, validate: pydantic.ModelWrapValidatorHandler[Self]) -> Self:
-        """Convert values with units and refuse those that pydantic would misread as numbers.
+        """Convert values with units; refuse values that pydantic would misread as numbers.
 
         This is the outermost validator: the inner ones no longer have the unit of a number or know
         that it was a text.
@@ -313,7 +313,7 @@ class Model(
 
     @classmethod
     def _converted(cls, values: dict[str, Any]) -> dict[str, Any]:
-        """Return values in the units of their fields; refuse those that misread as numbers."""
+        """Convert values to the units of their fields; refuse values misread as numbers."""
         # plain data may name a field by its alias
         names = {field.alias or name: name for name, field in cls.model_fields.items()}
         for key, value in values.items():

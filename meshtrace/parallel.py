@@ -83,7 +83,7 @@ def import_path() -> str:
 
 
 def safe_processes() -> AbstractContextManager[None]:
-    """Start all Python processes of a block, also those of other packages, like `python_start`."""
+    """Start all Python processes within a block with the settings of `python_start`."""
     return environment(_SAFE)
 
 

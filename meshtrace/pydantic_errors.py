@@ -1,4 +1,4 @@
-"""Errors of pydantic as `Refused`: the field, the value and what is allowed."""
+"""Conversion of pydantic errors to `Refused` with field, value and allowed values."""
 
 from __future__ import annotations
 

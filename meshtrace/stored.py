@@ -263,7 +263,7 @@ def _check_range(name: str, values: NDArray[Any]) -> None:
 
 
 def described(kind: Any) -> dict[str, tuple[Any, Any]]:
-    """Return the type of each field and how it is stored: by default as an `Attribute`."""
+    """Return the type and the storage of each field, by default an `Attribute`."""
     fields = {}
     for name, hint in _hints(kind, include_extras=True).items():
         if get_origin(hint) is not ClassVar and name != "provenance":

@@ -398,7 +398,7 @@ def _bracketed(line: str, separator: str) -> list[str]:
 
 
 def with_file(data: Any, read: Callable[[Any], dict[str, Any]]) -> Any:
-    """Replace the key `file` in plain data of a model by what `read` returns of that file."""
+    """Replace the key `file` in the plain data of a model by the contents that `read` returns."""
     if not (isinstance(data, Mapping) and "file" in data):
         return data
     fields = dict(data)

@@ -190,7 +190,7 @@ class Surface(Family, ABC, frozen=True):
         return mesh_of_sheet(vertices, normals, self.unresolved_slopes(spacing))
 
     def _reach(self, spacing: float) -> float | None:
-        """Return how far labels move sideways at most [m], None if they do not."""
+        """Return the largest horizontal displacement of labels [m], None if they stay."""
         return None
 
     def _require_modest(self, x_axis: Floats, y_axis: Floats) -> None:
@@ -397,7 +397,7 @@ class WaveSurface(Surface, frozen=True):
         return np.stack([sheet.x, sheet.y, sheet.z], axis=-1), sheet.normals
 
     def _require_modest(self, x_axis: Floats, y_axis: Floats) -> None:
-        """Refuse a mesh that would fill the memory; announce one that takes long."""
+        """Refuse a mesh too large for memory; announce a slow one."""
         super()._require_modest(x_axis, y_axis)
         waves, nx, ny = len(self.components.amplitude), len(x_axis), len(y_axis)
         seconds = self._grid(x_axis, y_axis).seconds

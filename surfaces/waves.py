@@ -597,7 +597,7 @@ class _Lines(NamedTuple):
         return self.width * np.sinh(s) / s
 
     def interpolated(self, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return values on the lines of the axis, shape (nx, n), from those on these lines."""
+        """Interpolate values on these lines to the lines of the axis, shape (nx, n)."""
         # real and imaginary parts side by side: real products are half the work
         parts = np.ascontiguousarray(values).view(float)
         assert self.near is not None

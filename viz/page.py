@@ -171,7 +171,7 @@ def _thinned(mesh: TriangleMesh) -> TriangleMesh:
 
 
 def _left_out(link: Link | None, style: SceneStyle) -> list[str]:
-    """List in words what the scene shows but the page does not."""
+    """List the parts of the scene that the page leaves out."""
     words = []
     if style.edges:
         words.append("edges of the facets")

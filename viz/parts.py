@@ -256,7 +256,7 @@ def walls(mesh: TriangleMesh, bottom: float) -> np.ndarray:
 
 
 def cut_to(mesh: TriangleMesh, bounds: Any) -> TriangleMesh:
-    """Clip a mesh to the limits x, x, y, y [m]; one that lies outside stays whole."""
+    """Clip a mesh to the limits (x, x, y, y) [m]; keep a mesh outside them whole."""
     data: Any = to_pyvista(mesh)
     data.point_data["normal"] = mesh.vertex_normals
     cut = _within(data, bounds)
@@ -357,7 +357,7 @@ _HAZE = 0.5  # tuned: share of the colour of the water in that of a body at the 
 
 
 def _darkness(scene: ScenePlotter, points: Any) -> Any:
-    """Return how dark the water is at points, (n, 1): 0 at the surface to 1."""
+    """Return the darkness of the water at points (n, 1), from 0 at the surface to 1."""
     # light from above decays with depth; 3: tuned, to e^-3 at the bottom
     return 1.0 - np.exp(-3.0 * np.clip(points[:, 2:] / scene.stage.bottom, 0.0, 1.0))
 
@@ -525,7 +525,7 @@ def cone_rim(
 
 
 def add_uav(scene: ScenePlotter, link: Link) -> ScenePlotter:
-    """Draw a quadcopter above every receiver or lamp in the air, tilted as they are."""
+    """Draw a quadcopter above every receiver or lamp in the air, with its tilt."""
     for center, up in carried(link):
         if scene.stage.contains(center):
             glyph = quadcopter(0.05 * scene.stage.size, center, up)

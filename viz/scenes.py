@@ -265,7 +265,7 @@ def light_of(
 
 
 def _beside(coverage: CoverageMap, link: Link) -> float:
-    """Return the distance [m] of texts from receivers that stand beside a map of the gain.
+    """Return the distance [m] of labels from receivers next to a gain map.
 
     That is 5 % of the width of the map beyond its edge, counted from the receiver farthest from it.
     """
@@ -348,7 +348,7 @@ def received_light(
     paths: PhotonPaths | None,
     received: PhotonPaths | int | None,
 ) -> tuple[PhotonPaths | None, PhotonPaths | None]:
-    """Return the paths of received light for the footprint, and those to draw."""
+    """Return the received paths for the footprint and the subset to draw."""
     if isinstance(received, PhotonPaths):
         return received, received
     if received is not None:

@@ -1,4 +1,4 @@
-"""Generators of gains like those of a series: Markov chains, transformed Gaussian series."""
+"""Generators of synthetic gain series: Markov chains and transformed Gaussian series."""
 
 from __future__ import annotations
 
@@ -557,7 +557,7 @@ def _hermite_powers(quantile: Floats) -> Floats:
 
 
 def _transformed(rho: Floats, power: Floats) -> Floats:
-    """Return the correlations of the transformed series for those `rho` of the Gaussian one.
+    """Return the correlations of the transformed series for correlations `rho` of the Gaussian one.
 
     Mehler's sum of power[k - 1] rho^k from k = 1, see `TransformedGaussian`.
     """

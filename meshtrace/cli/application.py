@@ -1,4 +1,4 @@
-"""The command-line application: how commands join it, and how it reports failures."""
+"""Command-line application: registration of commands and reporting of errors."""
 
 from __future__ import annotations
 

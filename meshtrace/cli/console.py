@@ -104,7 +104,7 @@ _LAST_WAIT = 5.0  # longest wait for the end of a process that has been killed [
 
 @contextmanager
 def compiling_beside(function: str, *arguments: str) -> Iterator[None]:
-    """Let a function of this package compile kernels in a second process, beside the block.
+    """Run a function of this package that compiles kernels in a second process.
 
     numba compiles one function at a time in a process. Both save what they compile, and load what
     the other has saved, so that the block compiles what the second process has not, if that cannot

@@ -228,7 +228,7 @@ def warm() -> None:
 
 
 def warm_from_the_end() -> None:
-    """Compile the kernels of `meshtrace warm`, those of its last run first.
+    """Compile the kernels of `meshtrace warm` in reverse order.
 
     A process that begins with the first run meets this one halfway, however fast each is.
     """
@@ -243,7 +243,7 @@ def _each(runs: list[Callable[[], Any]], advance: Callable[[int], None] = lambda
 
 
 def _runs_of_all_kernels() -> list[Callable[[], Any]]:
-    """Return short runs, each of which calls kernels, or types of their arguments, of its own."""
+    """Return short runs that together compile all kernels for all types of arguments."""
     import numpy as np
 
     from meshtrace.link import Body

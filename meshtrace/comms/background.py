@@ -70,7 +70,7 @@ def filter_shift_nm(
 
 @check_call
 def with_background(ook: OokLink, background: Background, scale: float = 1.0) -> OokLink:
-    """Add the counts of a background to those of a transmission.
+    """Add the counts of background light to a transmission.
 
     Parameters
     ----------

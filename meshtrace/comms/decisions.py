@@ -489,7 +489,7 @@ def compound_poisson_decision(
     )
 
     def bit(ago: int) -> ComplexArray:
-        """Return the factor of a one `ago` bits before the present one, less what is removed."""
+        """Return the factor of the characteristic function for a one sent `ago` bits earlier."""
         log_cf = exponent(lambda age: (high - low) * filters.light_since(age, ago, bit_time))
         return np.asarray(np.exp(log_cf + 1j * frequency * removed[ago]))
 

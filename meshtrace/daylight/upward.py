@@ -45,7 +45,7 @@ def slopes_of(normals: Floats) -> Floats:
 
 
 def slopes_to(required: Floats, normals: Floats) -> Floats:
-    """Return the slopes to add to those of normals to reach required ones, shape (..., 2).
+    """Return the slopes (..., 2) that turn the given normals into the required ones.
 
     Normals are of any length; the required slope is 1e6 where its normal does not point upwards.
     """

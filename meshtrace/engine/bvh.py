@@ -159,7 +159,7 @@ def filled_bins(
 
 
 class WalkedScene(_Called):
-    """Scene of `kernels.walk`, of the same single-precision corners as those of Embree."""
+    """Scene of `kernels.walk`, with the single-precision vertices of Embree."""
 
     def __init__(self, vertices: Floats, faces: NDArray[np.integer[Any]]) -> None:
         corners = np.asarray(vertices, np.float32).astype(np.float64)

@@ -410,13 +410,13 @@ def _places(arrays: ForcedLink) -> Floats:
 
 
 def _ends(arrays: ForcedLink) -> str:
-    """Return a key of what crossings of still water depend on, apart from histories of chains."""
+    """Return a key of the inputs of still-water crossings other than the histories of chains."""
     lamps = [(e.position, e.axis, e.radius) for e in arrays.emitters]
     return repr((lamps, [(t.center, t.axis, t.radius) for t in arrays.targets]))
 
 
 def _histories(link: Link, arrays: ForcedLink) -> str:
-    """Return a key of what histories of chains depend on, apart from the distributions of the base.
+    """Return a key of the inputs of chain histories other than the distributions of the base.
 
     Coefficients of the water are not part of it: weights have them.
     """

@@ -194,7 +194,7 @@ class ForcedDetection:
 
     @property
     def _requests(self) -> list[Request]:
-        """Requests of all chains, in the order of their numbers: those without scatterings last."""
+        """Requests of all chains in order of their numbers, chains without scatterings last."""
         return [*self.plan.chains, *(request for request, _ in self._unscattered)]
 
     def evaluate(self, mesh: TriangleMesh) -> Gains:

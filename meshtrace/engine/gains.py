@@ -145,7 +145,7 @@ class Gains:
 
     @property
     def with_lamps(self) -> list[Gains]:
-        """These gains, and those by lamp where there are any."""
+        """These gains, followed by the gains of each lamp, if any."""
         return [self] if self.by_lamp is None else [self, self.by_lamp]
 
     @property

@@ -580,7 +580,7 @@ def open_for_fading(link: Any, surface: Any) -> Any:
 
 
 def _chosen(link: Any, surface: Any, waves: Any) -> Any:
-    """Replace the waves of a sea by those of a name, number or band."""
+    """Replace the waves of a sea by a named, numeric or explicit band."""
     if hasattr(surface, "windiest"):
         if waves == FADING:
             return _with_windiest(surface, lambda part: _chosen(link, part, waves))

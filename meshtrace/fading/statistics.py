@@ -337,7 +337,7 @@ def _series_part(
 def _all_fits(
     sample: Floats, n_effective: float, resamples: int, seed: int
 ) -> tuple[tuple[DistributionFit, ...], tuple[GoodnessOfFit, ...], list[str]]:
-    """Fit and test all laws; return fits, tests, and notes on what could not be done."""
+    """Fit and test all laws; return fits, tests, and notes on failures."""
     if not sample.all():
         return (), (), ["some gains are 0: no continuous law fitted"]
     if np.ptp(sample) <= 1e-12 * sample.max():

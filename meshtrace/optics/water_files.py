@@ -220,7 +220,7 @@ def _values(cells: Cells, index: int, name: str, missing: list[float]) -> Floats
 
 
 def _whole(frame: Any, name: str, file: Path) -> Any:
-    """Return a coefficient (depths, wavelengths) including that of pure water; None if absent."""
+    """Return a total coefficient (depths, wavelengths), pure water included; None if absent."""
     for field, lacks_water in zip(_FIELDS[name], (False, True), strict=True):
         if "wavelength" in frame and field in frame:
             table = frame.pivot_table(index="at", columns="wavelength", values=field)

@@ -245,7 +245,7 @@ def validated(model: type[M], table: Table, path: str, keys: Sequence[str] = ())
 
 
 def plain(part: Any) -> Any:
-    """Return a model, or each of a tuple of models, as plain data; None as it is."""
+    """Convert a model, or a tuple of models, to plain data; pass None through."""
     if isinstance(part, tuple):
         return [plain(item) for item in part]
     return part and part.model_dump(mode="json", exclude_none=True)

@@ -38,7 +38,7 @@ def key_in_file(name: str) -> str:
 
 
 def axes_of(inputs: list[Input], bounds: Bounds) -> list[Axis]:
-    """Return the axes of the inputs and, as the last, that of the key of the range, if any."""
+    """Return the axes of the inputs, followed by the axis of the range, if any."""
     axes = [item.axis() for item in inputs]
     if len(bounds) > 1:
         raise Refused("bounds", list(bounds), "one key")
@@ -91,7 +91,7 @@ class StateRuns:
                 self.scenario(run | {axis.name: end})
 
     def identity(self) -> dict[str, Any]:
-        """Return what the numbers of a run depend on."""
+        """Return the inputs of a run that identify its stored numbers."""
         # another threshold takes no new runs
         limit = self.limit if self.threshold is None else None
         return {"config": self.config, "limit": limit, "realizations": self.realizations}

@@ -203,7 +203,7 @@ class ShareSurfaces:
 
     @property
     def _has_range(self) -> bool:
-        """Whether a range is asked for: its axis follows those of the inputs."""
+        """Whether a range is requested; its axis is the last one."""
         return len(self.axes) > len(self.inputs)
 
     def _curves(self) -> tuple[Floats, Floats, Floats]:

@@ -421,7 +421,7 @@ def finished(
     shape: ShapeOf,
     work: str,
 ) -> Generator[tuple[Any, Item | Exception], None, None]:
-    """Yield each step with its item: stored ones first, then the others as they are computed.
+    """Yield each step with its item, stored steps first, then new ones as they finish.
 
     Work of minutes is announced. A step that failed is not stored: the next call tries it again.
 

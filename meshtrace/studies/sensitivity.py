@@ -404,7 +404,7 @@ class Study:
         return derivative._replace(bias=bias, suspicious=not resolved, notes=notes)
 
     def _by_chain_rule(self, p: Parameter, change: Floats, method: str) -> _Derivative:
-        """Convert the derivative of the gain to that of the quantity.
+        """Convert the derivative of the gain to the derivative of the quantity.
 
         d ln q / d ln p = (d ln q / dh) (dh / d ln p), with d ln q / dh by a difference over gains
         that move by so little that q is linear there. `change` is dh / d ln p (seas, shifts).
@@ -543,7 +543,7 @@ def _result(study: Study, derivatives: list[_Derivative], names: list[str]) -> S
 
 
 def _of_range(derivative: _Derivative, by_depth: _Derivative) -> _Derivative:
-    """Convert the derivative of q, the light over the need at the range R, to that of R.
+    """Convert the derivative of q, received over required light at range R, to that of R.
 
     The range is the depth d at which ln q(p, d) = 0: by the implicit function theorem
     d ln R / d ln p = -(d ln q / d ln p) / (d ln q / d ln d).

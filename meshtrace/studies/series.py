@@ -243,7 +243,7 @@ def in_flight(
 
 
 def moved(link: Link, changes: dict[str, Floats]) -> list[Link]:
-    """Return a link for each row of the changes, with those values of its end in the air."""
+    """Return a link per row of changes to its end in the air."""
     name, end = link.air_end
     links = []
     for row in zip(*changes.values(), strict=True):

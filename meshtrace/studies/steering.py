@@ -394,7 +394,7 @@ class _Mirror:
         self._commands.append((time, self._within(target)))
 
     def at(self, time: float) -> Floats:
-        """Return u at a time [s], not earlier than those asked for before."""
+        """Return u at a time [s]; times must not decrease between calls."""
         while self._commands and self._commands[0][0] <= time + self._tie:
             since, target = self._commands.popleft()
             self._u, self._since, self.target = self._turned(since), since, target

@@ -109,7 +109,7 @@ class Store:
         self._turn, self._loops, self._lock = Lock(), 0, ExitStack()
 
     def __reduce__(self) -> Any:
-        """Pickle the store as it is before it is read: workers store nothing."""
+        """Pickle the store without its contents, as workers store nothing."""
         return Store, (self.path, self._study)
 
     @contextmanager

@@ -303,7 +303,7 @@ class Sweep:
 
 
 def _sizes(identity: dict[str, Any]) -> tuple[int, int, int]:
-    """Return how many quantities, wavelengths and receivers the numbers of a realization have."""
+    """Return the shape of a realization: quantities, wavelengths, receivers."""
     wavelengths = max(len(identity["wavelengths_nm"]), 1)
     return len(identity["measured"]), wavelengths, identity["receivers"]
 

@@ -64,7 +64,7 @@ class Figures(NamedTuple):
 
 
 class BestValue(NamedTuple):
-    """Best value of one key by night or by day, all others as they are.
+    """Best value of one key by night or by day, with all others fixed.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class BestValue(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """Value of one key at which the link just closes by night or by day, all others as they are.
+    """Value of one key at which the link just closes by night or by day, with all others fixed.
 
     Attributes
     ----------

@@ -268,7 +268,7 @@ class _Study(LinkModel):
         return [base.set(key, value).link for value in values[_nodes(key)].tolist()]
 
     def prepare(self, bounds: Bounds) -> None:
-        """Compute what several parts of the page need: gains, required powers, channel response."""
+        """Compute gains, required powers and channel response, shared by the parts of the page."""
         keys = (key for key in bounds if key not in (WIDTH, RATE, COLOUR))
         links = [link for key in keys for link in self._at(key, self._values(key, bounds[key]))]
         results_of(

@@ -229,7 +229,7 @@ class Page:
         self._refresh()
 
     def design(self) -> None:
-        """Start a design of the present state in another process, or cancel the one that runs."""
+        """Start a design of the present state in another process, or cancel the running one."""
         if self._design is not None:
             self._design.cancel()
         elif self._loop is not None:
@@ -386,7 +386,7 @@ class Page:
             self._resync = self._loop.call_later(_REST, self._send_controls)
 
     def _send_controls(self) -> None:
-        """Resend the unsure controls; forget those with an accepted later value."""
+        """Resend unconfirmed controls; forget controls with a later accepted value."""
         self._resync = None
         self.server.force_state_push(*self._unsure)
         self._unsure = {name: sure for name, sure in self._unsure.items() if not sure}

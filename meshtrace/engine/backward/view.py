@@ -230,7 +230,7 @@ class SeenSea:
         return np.array(self.days[0].sun)
 
     def at_wavelengths(self, values: Sequence[Floats] | Floats) -> Floats:
-        """Return values (wavelengths, n), interpolated between those at the indices.
+        """Interpolate values (wavelengths, n) between the tabulated refractive indices.
 
         `values` has one array at each index, (n,) or (wavelengths, n).
         """

@@ -283,7 +283,7 @@ class ChainDrawer:
         return chains
 
     def _representatives(self) -> list[int]:
-        """Return the receivers whose crossings of still water stand for those of others."""
+        """Return one receiver of each group that shares its crossings of still water."""
         return list(dict.fromkeys(self.link.stands_for.tolist()))
 
     def _bytes(self, request: Request, receivers: int) -> int:

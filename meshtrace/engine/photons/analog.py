@@ -48,7 +48,7 @@ _SUMS = (*_EXACT, "map_tint", "n_photons", "misses", "n_arrivals")
 
 
 def options_over(mesh: TriangleMesh, options: Analog) -> Analog:
-    """Return the options for a mesh: up to 100 crossings by default for one that overhangs.
+    """Return the options for a mesh, with up to 100 crossings by default if it overhangs.
 
     A jet guides light by dozens of total reflections.
     """

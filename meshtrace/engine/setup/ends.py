@@ -163,7 +163,7 @@ def forced_link(link: Link, frame: arrays.Frame | None = None) -> ForcedLink:
 
 
 def require_chains(link: Link) -> None:
-    """Refuse what joined photons follow but chains do not: `Link.require_chains`, wide lamps."""
+    """Refuse links that only joined photons follow: `Link.require_chains`, wide lamps."""
     link.require_chains()
     for path, item in link.items():
         if isinstance(item, Source) and item.size > 0.0:
